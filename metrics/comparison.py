@@ -1,6 +1,6 @@
 """Comparison of two runs: what became better, what worse, and whether that is a regression."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -51,18 +51,11 @@ class Comparison:
 
 
 def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> Comparison:
-    """Compare the scores of two runs.
+    """Compare the scores of two runs: `base`, what is compared with, primary rows first, and `head`, what is judged.
 
-    Primary are F1 and MOTA (higher is better) of the base's first row: its class, slice and matching.
-
-    Args:
-        base: What is compared with, primary rows first.
-        head: What is judged.
-        tolerance: Change up to which a number counts as the same, in the number's unit.
-
-    Raises:
-        ConfigError: where the tolerance isn't a number from 0 on.
-        MetricError: where the two have no primary row in common, so that nothing can be said.
+    Primary are F1 and MOTA (higher is better) of the base's first row: its class, slice and matching. Up to a change of
+    `tolerance`, in the number's unit, a number counts as the same. Raises ConfigError where that isn't a number from 0
+    on. Raises MetricError where the two have no primary row in common, so that nothing can be said.
     """
     if not tolerance >= 0:
         raise ConfigError(f"tolerance {tolerance}: expected a number from 0 on")
@@ -114,8 +107,17 @@ def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
     the same truth, under other weather or with other sensors. Raises MetricError where the logs show different things,
     naming both.
     """
-    notes = _compare_logs(base, head) if base.log.digest != head.log.digest else []
-    notes += _compare_settings(base, head)
+    changes = _compare_logs(base, head) if base.log.digest != head.log.digest else []
+    before, after = ({**m.parameters, **m.frames.model_dump()} for m in (base, head))
+    names = {**before, **after} if base.pipeline == head.pipeline else {}
+    files, others = _files(base), _files(head)
+    changes += [
+        ("pipeline", base.pipeline, head.pipeline),
+        ("frames", base.num_frames, head.num_frames),
+        *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
+        *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
+    ]
+    notes = [f"{what}: {a} -> {b}" for what, a, b in changes if a != b]
     partial = [f"{name} is incomplete" for name, run in (("base", base), ("head", head)) if not run.complete]
     return (*notes, *partial)
 
@@ -129,16 +131,14 @@ def require_common_instants(base: Run, head: Run) -> tuple[str, ...]:
         return ()
     before, after = ({frame.stamp_ns for frame in run.frames} for run in (base, head))
     if not before & after:
-        raise MetricError(
-            "runs without a frame at the same instant can't be compared; give their reference sensors the same rate "
-            "and phase"
-        )
+        what = "runs without a frame at the same instant can't be compared"
+        raise MetricError(f"{what}; give their reference sensors the same rate and phase")
     alone = ((name, len(stamps)) for name, stamps in (("base", before - after), ("head", after - before)))
     return tuple(f"{num} frames are at instants that {name} alone has" for name, num in alone if num)
 
 
-def _compare_logs(base: Manifest, head: Manifest) -> list[str]:
-    """Notes on two logs of one scene, what they say of themselves, and their sensors."""
+def _compare_logs(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
+    """Changes between two logs of one scene, what they say of themselves, and their sensors."""
     a, b = base.log.metadata, head.log.metadata
     base_log, head_log = (f"'{run.log.name}' ({run.log.digest[:12]})" for run in (base, head))
     if not a.get(SCENE_ID) or a.get(SCENE_ID) != b.get(SCENE_ID):
@@ -148,33 +148,17 @@ def _compare_logs(base: Manifest, head: Manifest) -> list[str]:
         )
     one, other = ({n: (mount, m.cameras.get(n)) for n, mount in m.mounts.items()} for m in (base, head))
     moved = [name for name in one if name in other and one[name] != other[name]]
-    return _changes([
+    return [
         ("log", base_log, head_log),
         *((key, _short(a, key), _short(b, key)) for key in {**a, **b} if a.get(key) != b.get(key)),
         ("sensors", ", ".join(base.mounts), ", ".join(head.mounts)),
         *([(f"calibration of {', '.join(moved)}", "one", "another")] if moved else []),
-    ])  # fmt: skip
-
-
-def _changes(table: Iterable[tuple[str, object, object]]) -> list[str]:
-    return [f"{what}: {a} -> {b}" for what, a, b in table if a != b]
+    ]
 
 
 def _short(metadata: Mapping[str, str], key: str) -> str:
     text = metadata.get(key, "absent")
     return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
-
-
-def _compare_settings(base: Manifest, head: Manifest) -> list[str]:
-    before, after = ({**m.parameters, **m.frames.model_dump()} for m in (base, head))
-    names = {**before, **after} if base.pipeline == head.pipeline else {}
-    files, others = _files(base), _files(head)
-    return _changes([
-        ("pipeline", base.pipeline, head.pipeline),
-        ("frames", base.num_frames, head.num_frames),
-        *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
-        *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
-    ])  # fmt: skip
 
 
 def _files(manifest: Manifest) -> dict[str, str]:

@@ -43,23 +43,19 @@ PUBLISHED: Mapping[tuple[str, Space], Published] = {
 """By pipeline and space: ours, then the thesis's as written. The thesis has one figure for each configuration and
 doesn't say in which space: it stands beside the space of the configuration's own boxes, and beside no other.
 """
-_ONE_FIGURE = (
+NOTES = (
     "The thesis has one figure for each configuration and doesn't say in which space: it stands beside the space of "
-    "the configuration's own boxes alone, the image for those in 2D, 3D for those in 3D."
-)
-_BOTH = (
+    + "the configuration's own boxes alone, the image for those in 2D, 3D for those in 3D.",
     "Its LiDAR only and radar only stand beside the 2D and the 3D configuration both; of its early 3D it doesn't say "
-    "whether stereo is in it, so early3d-stereo has none."
+    + "whether stereo is in it, so early3d-stereo has none.",
+    "How dense its fog is the thesis doesn't say: its figure stands beside fog and dense fog both.",
 )
-_FOG = "How dense its fog is the thesis doesn't say: its figure stands beside fog and dense fog both."
-NOTES = (_ONE_FIGURE, _BOTH, _FOG)  # What who reads both must know
+"""What who reads both must know."""
 _NAMES = (
     "camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d", "early2d", "early3d", "early3d-stereo", "late2d", "late3d",
 )  # fmt: skip
 ORDER = (*_NAMES, *(f"thesis/{name}" for name in _NAMES))
 """Of configurations, as the thesis has them; those without figures have their place, too."""
-
-
 _ACCURACY = (Column("F1"), Column("MOTA"), Column("MOTA w/o FP"), Column("truth boxes", "count"))
 _NOTES = (
     "F1 is of detections, MOTA of tracks, all vehicles as one class; counts are added over scenes before dividing.",
@@ -91,16 +87,16 @@ def accuracy_table(runs: Sequence[ScoredRun]) -> ResultTable:
 
 def robustness_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> ResultTable:
     """Return table 9.5: relative change of F1 against clear weather, a column for each condition."""
-    names = [name for name in conditions if name != CLEAR]
-    lines = tuple(
-        Line(own[0].configuration, space, tuple(_change(own, name, space) for name in names))
-        for own, space in _groups(runs)
-    )
-    return ResultTable(
-        "robustness", "Change of F1 against clear weather (table 9.5), %",
-        tuple(Column(name, "change") for name in names), lines,
-        ("Relative: -50 is half of the F1 in clear weather.", *_published_notes(lines)),
-    )  # fmt: skip
+    names, lines = [name for name in conditions if name != CLEAR], []
+    for own, space in _groups(runs):
+        published = PUBLISHED.get((own[0].configuration, space))
+        figures = [change(own, name, space) for name in names]
+        if published is not None:
+            figures = [replace(f, published=published.change.get(n)) for f, n in zip(figures, names, strict=True)]
+        lines.append(Line(own[0].configuration, space, tuple(figures)))
+    columns = tuple(Column(name, "change") for name in names)
+    notes = ("Relative: -50 is half of the F1 in clear weather.", *_published_notes(lines))
+    return ResultTable("robustness", "Change of F1 against clear weather (table 9.5), %", columns, tuple(lines), notes)
 
 
 def condition_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> ResultTable:
@@ -116,9 +112,8 @@ def condition_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> Res
 def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) -> ResultTable:
     """Return the median wall time of each stage, a line for each stage and a column for each configuration.
 
-    Args:
-        timings: For each configuration, of each of its runs the times [ns] by stage, in the order of frames. The first
-            of each stage in each run, which also compiles and loads, doesn't count.
+    `timings` are, for each configuration, of each of its runs the times [ns] by stage, in the order of frames. The
+    first of each stage in each run, which also compiles and loads, doesn't count.
     """
     times = {
         name: {stage: [ns for own in runs for ns in own.get(stage, ())[1:]] for run in runs for stage in run}
@@ -126,11 +121,15 @@ def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) 
     }
     longest_first = sorted(times.values(), key=len, reverse=True)  # has most of them in their order
     stages = [name for name in dict.fromkeys(name for own in longest_first for name in own) if name != _TOTAL]
-    lines = tuple(
-        Line(stage, "", tuple(_median(own.get(stage, [])) for own in times.values())) for stage in (*stages, _TOTAL)
-    )
+    lines = []
+    for stage in (*stages, _TOTAL):
+        figures = []
+        for own in times.values():
+            value, num = stage_latency("", own.get(stage, []), 0)["p50_ms"], len(own.get(stage, []))
+            figures.append(Figure(value, None if num else "no such stage", {"frames": num}))
+        lines.append(Line(stage, "", tuple(figures)))
     columns = tuple(Column(name, "ms") for name in times)
-    return ResultTable("latency", "Latency by stage, median in clear weather, ms", columns, lines)
+    return ResultTable("latency", "Latency by stage, median in clear weather, ms", columns, tuple(lines))
 
 
 def _groups(runs: Sequence[ScoredRun]) -> list[tuple[list[ScoredRun], Space]]:
@@ -140,16 +139,5 @@ def _groups(runs: Sequence[ScoredRun]) -> list[tuple[list[ScoredRun], Space]]:
     return [(members, space) for members, space in found if space in spaces_of(members)]
 
 
-def _change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
-    published = PUBLISHED.get((runs[0].configuration, space))
-    found = change(runs, condition, space)
-    return found if published is None else replace(found, published=published.change.get(condition))
-
-
 def _published_notes(lines: Sequence[Line]) -> tuple[str, ...]:
     return NOTES if any(figure.published is not None for line in lines for figure in line.figures) else ()
-
-
-def _median(times_ns: Sequence[int]) -> Figure:
-    value = stage_latency("", times_ns, 0)["p50_ms"]
-    return Figure(value, None if times_ns else "no such stage", {"frames": len(times_ns)})

@@ -85,7 +85,7 @@ class _Judged:
     """Of estimates that are another track than the one that was on their truth before: its id, and its last frame."""
 
     @cached_property
-    def found_by(self) -> Int64:
+    def estimate_on(self) -> Int64:
         """(N,) which estimate is on each truth box; -1: none."""
         found = np.full(len(self.judgement.candidates.truth_row), -1, np.int64)
         hits = np.flatnonzero(self.judgement.truth_of_estimate >= 0)
@@ -95,7 +95,7 @@ class _Judged:
     def table(self, steps: Int64) -> Table:
         """Return what became of the boxes at these steps."""
         parts = [_Step(self, int(step)) for step in steps]
-        truth, estimates = ([v for part in parts for v in part.verdicts(side)] for side in ("truth", "estimates"))
+        truth, estimates = ([v for part in parts for v in own(part)] for own in (_Step.of_truth, _Step.of_estimates))
         return Table(self.what, tuple(truth), tuple(estimates))
 
 
@@ -114,18 +114,20 @@ class _Step:
         self.first_n, self.first_m = int(c.similarity.row_start[step]), int(c.similarity.column_start[step])
         self.first_k = int(c.excuse.row_start[step])
 
-    def verdicts(self, side: str) -> list[Verdict]:
-        """Return those of all boxes of a side."""
-        if side == "truth":
-            place = {row: n for n, row in enumerate(self.candidates.truth_row.tolist())}
-            return [self._of_truth(row, place.get(row)) for row in self.truth_rows]
+    def of_truth(self) -> list[Verdict]:
+        """Return the verdicts on all truth boxes."""
+        place = {row: n for n, row in enumerate(self.candidates.truth_row.tolist())}
+        return [self._of_truth(row, place.get(row)) for row in self.truth_rows]
+
+    def of_estimates(self) -> list[Verdict]:
+        """Return the verdicts on all estimates."""
         place = {row: m for m, row in enumerate(self.candidates.estimate_row.tolist())}
         return [self._of_estimate(row, place.get(row)) for row in self.estimate_rows]
 
     def _of_truth(self, row: int, n: int | None) -> Verdict:
         if n is None:
             return self._verdict("truth", row, "ignored", self._why_ignored(row))
-        what, m = self.judged.what, int(self.judged.found_by[n])
+        what, m = self.judged.what, int(self.judged.estimate_on[n])
         values = self.similarity[n - self.first_n]
         if m >= 0:
             near = float(values[m - self.first_m])
@@ -167,16 +169,15 @@ class _Step:
             by = int(np.flatnonzero(~self.candidates.must)[k])
             why = f"on truth {by - self.truth_rows.start}, which needn't be found: {self._why_ignored(by)}"
             return self._verdict(what, row, "ignored", why)
-        return self._verdict(what, row, "false alarm", self._why_false(m))
-
-    def _why_false(self, m: int) -> str:
         best, near = _nearest(self.similarity[:, m - self.first_m])
         if best is None:
-            return f"no truth to be found in this {self.place}"
-        n = best + self.first_n
-        if near < self.match.floor:
-            return f"no truth {self._limit()}; nearest is {self._truth(n)}, {self._reach(near)}"
-        return f"{self._truth(n)}, {self._reach(near)}, is taken by {self._estimate(int(self.judged.found_by[n]))}"
+            why = f"no truth to be found in this {self.place}"
+        elif near < self.match.floor:
+            why = f"no truth {self._limit()}; nearest is {self._truth(best + self.first_n)}, {self._reach(near)}"
+        else:
+            taker = self._estimate(int(judged.estimate_on[best + self.first_n]))
+            why = f"{self._truth(best + self.first_n)}, {self._reach(near)}, is taken by {taker}"
+        return self._verdict(what, row, "false alarm", why)
 
     def _why_ignored(self, row: int) -> str:
         if self.truth.ignore is not None and self.truth.ignore[row]:
@@ -209,14 +210,9 @@ class _Step:
         return f"truth {self.candidates.truth_row[n] - self.truth_rows.start}"
 
     def _verdict(
-        self,
-        side: Literal["truth", "detection", "track"],
-        row: int,
-        outcome: Outcome,
-        reason: str,
-        partner: int | None = None,
-        near: float | None = None,
-    ) -> Verdict:
+        self, side: Literal["truth", "detection", "track"], row: int, outcome: Outcome, reason: str,
+        partner: int | None = None, near: float | None = None,
+    ) -> Verdict:  # fmt: skip
         """Verdict on one row of a side, and its partner's row of the other."""
         own, other, rows, others = self.truth, self.estimates, self.truth_rows, self.estimate_rows
         if side != "truth":
@@ -238,8 +234,7 @@ def _nearest(values: Float64) -> tuple[int | None, float]:
 
 
 def _id(objects: Objects, row: int) -> int | None:
-    number = int(objects.track_id[row])
-    return number if number >= 0 else None
+    return int(objects.track_id[row]) if objects.track_id[row] >= 0 else None
 
 
 def _range(objects: Objects, row: int) -> float | None:
@@ -252,17 +247,10 @@ def _finite(value: float) -> float | None:
 
 
 def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEHICLE.name) -> Explanation:
-    """Return what became of each box of a frame, in the pipeline's own space, as the scores count it.
+    """Return what became of each box of a frame, by its index, in the pipeline's own space, as the scores count it.
 
-    Args:
-        run: A run with truth.
-        options: As it is scored.
-        frame: Index of the frame.
-        class_: All vehicles as one class, or one label.
-
-    Raises:
-        ConfigError: where there is no such frame or class.
-        MetricError: where the frame has no truth, so that it isn't scored, or an id is twice in a frame (GT003).
+    `class_` is all vehicles as one class, or one label. Raises ConfigError where there is no such frame or class.
+    Raises MetricError where the frame has no truth, so that it isn't scored, or an id is twice in a frame (GT003).
     """
     if class_ not in (VEHICLE.name, *LABELS):
         raise ConfigError(f"unknown class '{class_}'{did_you_mean(class_, [VEHICLE.name, *LABELS])}")

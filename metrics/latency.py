@@ -25,10 +25,9 @@ def summarize(
             result.
         budget_ms: Time that a frame may take.
     """
-    num_first = 1 if clock == "host" else 0
+    num_first, stages = 1 if clock == "host" else 0, (*(stage for stage in timings if stage != _WHOLE), _WHOLE)
     frames = timings.get(_WHOLE, [])[num_first:]
     over = sum(ns > budget_ms * _NS_PER_MS for ns in frames)
-    stages = [stage for stage in timings if stage != _WHOLE]
     return {
         "clock": clock,
         "budget_ms": budget_ms,
@@ -37,7 +36,7 @@ def summarize(
         "over_budget_share": over / len(frames) if frames else None,
         "percentile_method": "nearest rank",
         "excluded": _EXCLUDED if num_first else "",
-        "stages": [stage_latency(stage, timings.get(stage, []), num_first) for stage in (*stages, _WHOLE)],
+        "stages": [stage_latency(stage, timings.get(stage, []), num_first) for stage in stages],
     }
 
 

@@ -35,14 +35,10 @@ def _fraction(metric: str, n: Counter[str]) -> tuple[float, float]:
     match metric:
         case "f1":
             return n["tp"], n["tp"] + n["fp"] / 2 + n["fn"] / 2
-        case "precision":
-            return n["tp"], n["tp"] + n["fp"]
-        case "recall":
-            return n["tp"], n["tp"] + n["fn"]
-        case "mota":
-            return n["gt"] - n["fn"] - n["fp"] - n["idsw"], n["gt"]
+        case "precision" | "recall":
+            return n["tp"], n["tp"] + n["fp" if metric == "precision" else "fn"]
         case _:
-            return n["gt"] - n["fn"] - n["idsw"], n["gt"]
+            return n["gt"] - n["fn"] - (n["fp"] if metric == "mota" else 0) - n["idsw"], n["gt"]
 
 
 def spaces_of(runs: Iterable[ScoredRun]) -> list[Space]:
@@ -52,12 +48,8 @@ def spaces_of(runs: Iterable[ScoredRun]) -> list[Space]:
 
 
 def pool(runs: Iterable[ScoredRun], metric: str, space: Space) -> Figure:
-    """Return a metric of all vehicles over several runs.
-
-    Args:
-        runs: Of one configuration.
-        metric: f1, precision, recall, mota or mota_no_fp.
-        space: `image` or `3D`.
+    """Return a metric of all vehicles over several runs of one configuration: f1, precision, recall, mota or
+    mota_no_fp, in the space `image` or `3D`.
     """
     of = (metric, _CLASS, "all")
     found = (
@@ -83,10 +75,7 @@ def change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
     """Return the relative change of F1 against clear weather, (F1 - F1 clear) / F1 clear, on the scenes of which there
     are runs in both.
 
-    Args:
-        runs: Of one configuration.
-        condition: Such as `fog`.
-        space: `image` or `3D`.
+    `runs` are of one configuration, the condition is such as `fog`, the space `image` or `3D`.
     """
     scenes = {run.scene for run in runs if run.condition == CLEAR} & {r.scene for r in runs if r.condition == condition}
     if not scenes:

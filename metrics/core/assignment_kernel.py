@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fbench.metrics.core.similarity import Blocks
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
@@ -88,15 +89,8 @@ def best_places(
 ) -> Int64:
     """Return the place in `score` of the pair of each row (N,), such that scores plus `offset` sum up to the most.
 
-    That is in each step for itself. -1 for rows without a pair; one that would add 0 or less isn't made.
-
-    Args:
-        row_start: (S + 1,)
-        column_start: (S + 1,)
-        block_start: (S + 1,)
-        score: (B,)
-        floor: Score that a pair needs.
-        offset: How much any pair is worth.
+    That is in each step for itself. -1 for rows without a pair; one that would add 0 or less isn't made, nor one whose
+    score (B,) is below `floor`. Any pair is worth `offset` more. Offsets of steps are (S + 1,).
     """
     place = np.empty(row_start[-1], np.int64)
     for step in range(len(row_start) - 1):
@@ -114,21 +108,17 @@ def best_places(
     return place
 
 
-def partners(
-    truth_start: Int64, estimate_start: Int64, block_start: Int64, similarity: Float64, floor: float, offset: float
-) -> Int64:
+def partners(pairs: Blocks, floor: float, offset: float) -> Int64:
     """Return for each estimate (M,) the truth row with which it makes the best pair of its step, -1 without one.
 
     Pairs need a similarity of `floor`; they are chosen so that similarity plus `offset` sums up to the most.
     """
-    starts = [np.array(start, np.int64) for start in (truth_start, estimate_start, block_start)]  # writeable
-    place = best_places(starts[0], starts[1], starts[2], similarity, floor, offset)
+    place = best_places(pairs.row_start, pairs.column_start, pairs.start, pairs.values, floor, offset)
     truth = np.flatnonzero(place >= 0)
-    step = np.searchsorted(truth_start, truth, side="right") - 1
-    width = estimate_start[step + 1] - estimate_start[step]
-    within = place[truth] - block_start[step]
-    truth_of = np.full(estimate_start[-1], -1, np.int64)
-    truth_of[estimate_start[step] + within % width] = truth
+    step = np.searchsorted(pairs.row_start, truth, side="right") - 1
+    first, within = pairs.column_start[step], place[truth] - pairs.start[step]
+    truth_of = np.full(pairs.shape[1], -1, np.int64)
+    truth_of[first + within % (pairs.column_start[step + 1] - first)] = truth
     return truth_of
 
 

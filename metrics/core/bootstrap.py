@@ -1,6 +1,6 @@
 """Confidence intervals by the percentile bootstrap."""
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
 from functools import cache, reduce
@@ -26,13 +26,10 @@ def weighted_sums(units: Sequence[Summed], total: Summed, times: Int64) -> Itera
     intervals don't need them exactly.
     """
     try:
-        form, numbers = _split(total)
-        parts = [_split(unit) for unit in units]
+        (form, numbers), *parts = map(_split, (total, *units))
     except _NotAddedError:
         return None
-    if any(own != form for own, _ in parts):
-        return None
-    if [sum(column) for column in zip(*(row for _, row in parts), strict=True)] != numbers:
+    if any(own != form for own, _ in parts) or numbers != list(map(sum, zip(*(row for _, row in parts), strict=True))):
         return None
     sums = np.zeros((len(times), len(numbers)))
     for unit, (_, row) in enumerate(parts):  # not a product of matrices: BLAS may round in another order
@@ -94,9 +91,8 @@ class Bootstrap:
 
     def __post_init__(self) -> None:
         if self.num < 1 or not 0 < self.share < 1:
-            raise ConfigError(
-                f"bootstrap: {self.num} resamples, {self.share:g}: expected 1 or more, and a share in 0-1"
-            )
+            own = f"{self.num} resamples, {self.share:g}"
+            raise ConfigError(f"bootstrap: {own}: expected 1 or more, and a share in 0-1")
 
     def times(self, num_units: int) -> Int64:
         """Return how often each unit (num, U) is in each resample; depends on the seed and the number of units only,
@@ -122,11 +118,8 @@ def intervals(
     Units are drawn with replacement, as many as there are, and their statistics added, so that ratios are taken of
     sums, as in the number itself. The order in which units come doesn't matter.
 
-    Args:
-        statistics: Of each unit, by name: logs, sequences, segments.
-        values: Numbers of a sum, by key; `None` where undefined.
-        how: Seed and number of resamples.
-        unit: What is drawn, for reasons.
+    `statistics` are those of each unit by name: logs, sequences, segments, which `unit` says in reasons. `values` are
+    the numbers of a sum by key; `None` where undefined.
     """
     names = values(reduce(add, statistics.values())) if statistics else {}
     units = [statistics[name] for name in sorted(statistics)]
@@ -139,33 +132,27 @@ def intervals(
         for name, value in values(total).items():
             if value is not None and name in found:
                 found[name] += [value] * num
-    return {name: _interval(own, how) for name, own in found.items()}
-
-
-def _interval(values: Sequence[float], how: Bootstrap) -> Interval | str:
-    missing = how.num - len(values)
-    if missing > MOST_UNDEFINED * how.num:
-        return f"undefined in {missing} of {how.num} resamples"
-    rest = (1 - how.share) / 2
-    low, high = np.quantile(np.array(values), [rest, 1 - rest]).tolist()
-    return Interval(low, high)
+    result: dict[Key, Interval | str] = {}
+    for name, own in found.items():
+        missing, rest = how.num - len(own), (1 - how.share) / 2
+        if missing > MOST_UNDEFINED * how.num:
+            result[name] = f"undefined in {missing} of {how.num} resamples"
+        else:
+            result[name] = Interval(*np.quantile(np.array(own), [rest, 1 - rest]).tolist())
+    return result
 
 
 def with_intervals(
-    statistics: Mapping[str, S],
-    rows_of: Callable[[S], Sequence[Score]],
-    how: Bootstrap,
-    unit: str,
-    metrics: Iterable[str] | None = None,
-) -> list[Score]:
+    statistics: Mapping[str, S], rows_of: Callable[[S], Sequence[Score]], how: Bootstrap, unit: str,
+    metrics: Sequence[str] | None = None,
+) -> list[Score]:  # fmt: skip
     """Return the rows of all units added, with intervals: of these metrics, or of all.
 
     `rows_of` is called for every resample: a thousand times as long as it takes once.
     """
-    wanted = None if metrics is None else frozenset(metrics)
 
     def values(total: S) -> dict[tuple[str, str, str, str], float | None]:
-        return {row.key: row.value for row in rows_of(total) if wanted is None or row.metric in wanted}
+        return {row.key: row.value for row in rows_of(total) if metrics is None or row.metric in metrics}
 
     found = intervals(statistics, values, how, unit)
     made = f"{100 * how.share:g} % of {how.num} bootstrap resamples of {len(statistics)} {unit}"

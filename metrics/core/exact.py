@@ -1,5 +1,6 @@
 """Sums that never round: floats added as fractions, and counts added field by field."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from typing import Any, Self
@@ -11,13 +12,15 @@ from fbench.replay.data.arrays import Float64, Int64
 
 @dataclass(frozen=True)
 class Counts:
-    """Base of dataclasses of numbers, tuples of numbers and other counts, which add field by field."""
+    """Base of dataclasses of numbers, tuples of numbers, other counts and mappings, which add field by field."""
 
     def __add__(self, other: Self) -> Self:
         return type(self)(*(_add(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)))
 
 
 def _add(one: Any, other: Any) -> Any:
+    if isinstance(one, Mapping):
+        return {**one, **{key: one[key] + more if key in one else more for key, more in other.items()}}
     return tuple(map(_add, one, other)) if isinstance(one, tuple) else one + other
 
 

@@ -9,25 +9,15 @@ from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 
 
 def match_greedily(
-    similarity: Float64,
-    truth_start: Int64,
-    estimate_start: Int64,
-    block_start: Int64,
-    order: Int64,
-    floors: Sequence[float],
-    strict: bool = False,
-    rank: Array | None = None,
+    pairs: Blocks, order: Int64, floors: Sequence[float], strict: bool = False, rank: Array | None = None,
     shared: Bool | None = None,
-) -> Int64:
+) -> Int64:  # fmt: skip
     """Give each estimate in turn the most similar truth box of its step that is free; returns truth rows (T, M) or -1.
 
     The rule of COCO, nuScenes and Pascal VOC. Equally similar truth boxes: the lower row, so sort rows by content.
 
     Args:
-        similarity: (B,) as in `Problem`; NaN and -inf never match.
-        truth_start: (S + 1,) offsets of steps in N truth rows.
-        estimate_start: (S + 1,) in M estimates.
-        block_start: (S + 1,) in `similarity`.
+        pairs: Similarity of N truth boxes and M estimates; NaN and -inf never match.
         order: (M,) rows of estimates in the order in which they choose, step by step: see `score_order`.
         floors: T similarities from which on boxes match; each is matched for itself.
         strict: Whether boxes at the floor itself don't match (nuScenes).
@@ -37,13 +27,11 @@ def match_greedily(
     """
     from fbench.metrics.core.assignment_kernel import greedy_blocks  # numba takes a while to import
 
-    num = int(truth_start[-1])
-    # All are copied, because kernels are compiled for writeable arrays.
+    num = pairs.shape[0]
     return greedy_blocks(
-        np.array(similarity, np.float64), np.array(truth_start, np.int64), np.array(estimate_start, np.int64),
-        np.array(block_start, np.int64), np.array(order, np.int64), np.array(floors, np.float64), strict,
-        np.zeros(num, np.int64) if rank is None else np.array(rank, np.int64),
-        np.zeros(num, bool) if shared is None else np.array(shared, bool),
+        pairs.values, pairs.row_start, pairs.column_start, pairs.start, np.array(order, np.int64),
+        np.array(floors, np.float64), strict, np.zeros(num, np.int64) if rank is None else np.array(rank, np.int64),
+        np.zeros(num, bool) if shared is None else np.array(shared, bool),  # copied: kernels want writeable arrays
     )  # fmt: skip
 
 
@@ -60,13 +48,10 @@ def match_greedy(similarity: Blocks, floor: float, score: Float64, late: Bool | 
 
     Args:
         similarity: Of N truth boxes and M estimates, higher is nearer (distances are negated); NaN and -inf never
-            match.
-        floor: Pairs match from this similarity on.
-        score: (M,) of the estimates.
-        late: (M,) estimates that choose after all others; none by default.
+        match. floor: Pairs match from this similarity on. score: (M,) of the estimates. late: (M,) estimates that
+        choose after all others; none by default.
 
-    Returns:
-        (M,) the truth box of each estimate, -1 where it has none.
+    Returns (M,) the truth box of each estimate, -1 where it has none.
     """
     from fbench.metrics.core.assignment_kernel import first_come  # numba takes a while to import
 
@@ -80,16 +65,9 @@ def match_greedy(similarity: Blocks, floor: float, score: Float64, late: Bool | 
 def match_best(similarity: Blocks, floor: float, late: Bool | None = None) -> Int64:
     """Pair as many as possible in each step; among these, use fewest late estimates; among these, the highest total.
 
-    Pairs below the floor are not only dropped, they can't displace a valid pair either.
-
-    Args:
-        similarity: Of N truth boxes and M estimates, higher is nearer (distances are negated); NaN and -inf never
-            match.
-        floor: Pairs match from this similarity on.
-        late: (M,) estimates to use only where no other will do; none by default.
-
-    Returns:
-        (M,) the truth box of each estimate, -1 where it has none.
+    Pairs below the floor are not only dropped, they can't displace a valid pair either. As `match_greedy`, but `late`
+    (M,) are estimates to use only where no other will do; returns (M,) the truth box of each estimate, -1 where it has
+    none.
     """
     from fbench.metrics.core.assignment_kernel import assign  # numba takes a while to import
 

@@ -27,11 +27,8 @@ def content_ranks(columns: Sequence[Array]) -> Int64:
 def life_ranks(box: Int64, track: Int64) -> Int64:
     """Return the rank (N,) of each box's track among all tracks, compared by their boxes from the first on.
 
-    The one that goes on comes before the one that ends.
-
-    Args:
-        box: (N,) `content_ranks` of the boxes, with time as the first column.
-        track: (N,) any number for each track; where all boxes of two are equal the lower one comes first.
+    The one that goes on comes before the one that ends. `box` (N,) are `content_ranks` of the boxes, with time as the
+    first column, `track` (N,) is any number for each track; where all boxes of two are equal the lower one comes first.
     """
     order = np.lexsort((box, track))
     names, first = np.unique(track[order], return_index=True)
@@ -54,3 +51,20 @@ def content_order(objects: Objects) -> Int64:
     if len(box) and int(box.max()) + 1 < len(box):
         return np.lexsort((life_ranks(box, o.track_id), box))
     return np.argsort(box, kind="stable")
+
+
+def number_tracks(track_id: Int64, stream: Int64) -> Int64:
+    """Number the tracks (N,) from 0 on, by stream, then id; an id in two streams is two tracks."""
+    if not len(track_id):
+        return np.zeros(0, np.int64)
+    numbers = np.unique(track_id, return_inverse=True)[1]
+    if (stream != stream[0]).any():
+        numbers = np.unique(stream * (int(numbers.max()) + 1) + numbers, return_inverse=True)[1]
+    return np.asarray(numbers, np.int64)
+
+
+def find_twice(step: Int64, track_id: Int64) -> int | None:
+    """Return a row of the first step in which an id (N,) occurs twice, that of the lowest such id."""
+    order = np.lexsort((track_id, step))
+    twice = np.flatnonzero((np.diff(step[order]) == 0) & (np.diff(track_id[order]) == 0))
+    return int(order[twice[0]]) if len(twice) else None

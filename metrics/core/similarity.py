@@ -38,7 +38,12 @@ class Blocks:
     @cached_property
     def pairs(self) -> tuple[Int64, Int64]:
         """Row and column (B,) of each value."""
-        return pairs_of(self.row_start, self.column_start)
+        num_rows, num_columns = np.diff(self.row_start), np.diff(self.column_start)
+        of_row = np.repeat(num_columns, num_rows)
+        row = np.repeat(np.arange(len(of_row)), of_row)
+        first = np.repeat(np.repeat(self.column_start[:-1], num_rows), of_row)
+        within = np.arange(len(row)) - np.repeat(np.cumsum(of_row) - of_row, of_row)
+        return row.astype(np.int64), (first + within).astype(np.int64)
 
     def select(self, rows: Bool, columns: Bool) -> "Blocks":
         """Return the pairs of the marked rows (N,) and columns (M,), numbered from 0 on."""
@@ -58,25 +63,10 @@ def block_starts(row_start: Int64, column_start: Int64) -> Int64:
     return np.concatenate([[0], np.cumsum(np.diff(row_start) * np.diff(column_start))]).astype(np.int64)
 
 
-def pairs_of(row_start: Int64, column_start: Int64) -> tuple[Int64, Int64]:
-    """Row and column (B,) of each value of a flat array of blocks."""
-    num_rows, num_columns = np.diff(row_start), np.diff(column_start)
-    of_row = np.repeat(num_columns, num_rows)
-    row = np.repeat(np.arange(len(of_row)), of_row)
-    first = np.repeat(np.repeat(column_start[:-1], num_rows), of_row)
-    within = np.arange(len(row)) - np.repeat(np.cumsum(of_row) - of_row, of_row)
-    return row.astype(np.int64), (first + within).astype(np.int64)
-
-
 def blocks(
-    truth: Objects,
-    estimates: Objects,
-    truth_start: Int64,
-    estimate_start: Int64,
-    likeness: Likeness,
-    ego_m: Array | None = None,
-) -> tuple[Float64, Int64]:
-    """Return the similarity (B,) of all pairs of each step, laid out as in `Problem`, and where steps begin (S + 1,).
+    truth: Objects, estimates: Objects, num_steps: int, likeness: Likeness, ego_m: Array | None = None
+) -> Blocks:
+    """Return the similarity of all pairs of N truth boxes (rows) and M estimates (columns) of each step.
 
     A pair's value depends on the two boxes only, not on what else is in the step. Higher is nearer:
 
@@ -89,54 +79,41 @@ def blocks(
       Where two corners are equally second, the front or rear counts, not a side.
 
     Boxes that aren't finite or have a negative size get -inf and so match nothing (for center distances only the
-    center is looked at); boxes without area or volume have an intersection over union of 0.
-
-    Args:
-        truth: N boxes.
-        estimates: M boxes.
-        truth_start: (S + 1,) offsets: step s has rows `truth_start[s]:truth_start[s + 1]`.
-        estimate_start: (S + 1,)
-        likeness: What is compared.
-        ego_m: (S, 2 or 3) where the body is at each step, for `plane`; `None`: at the origin.
-
-    Raises:
-        MetricError: where boxes have no rectangle, or no solid, as the likeness needs.
+    center is looked at); boxes without area or volume have an intersection over union of 0. `ego_m` (S, 2 or 3) is
+    where the body is at each step, for `plane`; `None`: at the origin. Raises MetricError where boxes have no
+    rectangle, or no solid, as the likeness needs.
     """
     if likeness == "iou2d":
-        return image_overlaps(truth, estimates, truth_start, estimate_start, np.zeros(len(truth), bool))
-    starts = _starts(truth_start, estimate_start)
+        return image_overlaps(truth, estimates, num_steps, np.zeros(len(truth), bool))
+    starts = _starts(truth, estimates, num_steps)
     if likeness in ("ioubev", "iou3d"):
-        return flat_iou(_solids(truth), _solids(estimates), *starts[:2], likeness == "iou3d"), starts[2]
+        return Blocks(*starts, flat_iou(_solids(truth), _solids(estimates), *starts[:2], likeness == "iou3d"))
     from fbench.metrics.core.similarity_kernel import distance_blocks, plane_blocks  # numba takes a while to import
 
     if likeness == "plane":
         a, b = _solids(truth), _solids(estimates)
-        ego = np.zeros((len(truth_start) - 1, 2)) if ego_m is None else np.ascontiguousarray(ego_m[:, :2], np.float64)
-        return plane_blocks(a, b, comparable(a), comparable(b), *starts, ego), starts[2]
-    num_axes = 2 if likeness == "bev" else 3
-    a, b = _centers(truth, num_axes), _centers(estimates, num_axes)
-    return distance_blocks(a, b, are_finite(a), are_finite(b), *starts), starts[2]
+        ego = np.zeros((num_steps, 2)) if ego_m is None else np.ascontiguousarray(ego_m[:, :2], np.float64)
+        return Blocks(*starts, plane_blocks(a, b, comparable(a), comparable(b), *starts, ego))
+    a, b = (_centers(objects, 2 if likeness == "bev" else 3) for objects in (truth, estimates))
+    return Blocks(*starts, distance_blocks(a, b, are_finite(a), are_finite(b), *starts))
 
 
-def image_overlaps(
-    truth: Objects, estimates: Objects, truth_start: Int64, estimate_start: Int64, region: Bool
-) -> tuple[Float64, Int64]:
-    """Return as `blocks` the `iou2d` (B,), for truth where `region` (N,) the share of the estimate that lies in it.
+def image_overlaps(truth: Objects, estimates: Objects, num_steps: int, region: Bool) -> Blocks:
+    """Return the `iou2d` of `blocks`, for truth where `region` (N,) the share of the estimate that lies in it.
 
     Regions hold any number of objects (KITTI's DontCare, COCO's crowds). 0 where the estimate has no area; -inf where
     one of the two isn't finite or has a negative size.
     """
     from fbench.metrics.core.similarity_kernel import rectangle_blocks  # numba takes a while to import
 
-    starts = _starts(truth_start, estimate_start)
+    starts = _starts(truth, estimates, num_steps)
     a, b = _rectangles(truth), _rectangles(estimates)
     sound_a, sound_b = (are_finite(xyxy) & np.all(xyxy[:, 2:] >= xyxy[:, :2], axis=1) for xyxy in (a, b))
-    return rectangle_blocks(a, b, sound_a, sound_b, *starts, region), starts[2]
+    return Blocks(*starts, rectangle_blocks(a, b, sound_a, sound_b, *starts, region))
 
 
-def _starts(truth_start: Int64, estimate_start: Int64) -> tuple[Int64, Int64, Int64]:
-    """Offsets of truth, estimates and blocks for kernels, which are compiled for writeable arrays."""
-    starts = np.array(truth_start, np.int64), np.array(estimate_start, np.int64)
+def _starts(truth: Objects, estimates: Objects, num_steps: int) -> tuple[Int64, Int64, Int64]:
+    starts = truth.starts(num_steps), estimates.starts(num_steps)
     return *starts, block_starts(*starts)
 
 

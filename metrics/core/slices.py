@@ -78,9 +78,8 @@ def by_source(sequence: Sequence) -> Iterator[Part]:
 
 def ground_range(objects: Objects) -> Float64 | None:
     """Distance (N,) from the body in the ground plane [m], else as the source reports it."""
-    if objects.center_m is None:
-        return objects.distance_m
-    return np.asarray(np.hypot(objects.center_m[:, 0], objects.center_m[:, 1]))
+    c = objects.center_m
+    return objects.distance_m if c is None else np.asarray(np.hypot(c[:, 0], c[:, 1]))
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,7 @@ class Group:
         always = self.holds(truth)
         if truth.ignore is not None:
             always |= truth.ignore & np.isin(truth.label, ["", "other"])
-        excused: Bool = always[pairs[0]] | (estimates.label == "")[pairs[1]]
-        return excused
+        return np.asarray(always[pairs[0]] | (estimates.label == "")[pairs[1]])
 
 
 VEHICLE = Group("vehicle", VEHICLES, agnostic=True)
@@ -121,6 +119,12 @@ VEHICLE = Group("vehicle", VEHICLES, agnostic=True)
 def label_group(label: str) -> Group:
     """Return the group of one label alone."""
     return Group(label, (label,), agnostic=False)
+
+
+def find_labels(truth: Objects, estimates: Objects) -> set[str]:
+    """Return the labels of estimates and of truth that isn't ignored."""
+    asked = truth.label if truth.ignore is None else truth.label[~truth.ignore]
+    return {*np.unique(asked).tolist(), *np.unique(estimates.label).tolist()}
 
 
 S = TypeVar("S", bound=Statistics)
@@ -140,9 +144,8 @@ class Heading:
         self, metric: str, value: float | None, reason: str | None, counts: Mapping[str, int | float], unit: str = "1"
     ) -> Score:
         """Return one row; null with the reason where there is one."""
-        return Score(
-            metric, self.class_, self.slice, self.matching, None if reason else value, reason or None, unit, counts
-        )
+        own = (self.class_, self.slice, self.matching)
+        return Score(metric, *own, None if reason else value, reason or None, unit, counts)
 
     def ratio(
         self, metric: str, top: float, bottom: float, why: str, counts: Mapping[str, int | float], unit: str = "1"

@@ -46,14 +46,7 @@ def block_sums(
 
     Sums differ in their last digit by the order in which they are added; where pairs are equally good, that decides.
     numpy adds rows in pairs, as they lie side by side in memory, and columns one row after the other.
-
-    Args:
-        row_start: (S + 1,)
-        column_start: (S + 1,)
-        block_start: (S + 1,)
-        values: (B,) row-major.
-        of_row: (N,) all 0.
-        of_column: (M,) all 0.
+    Offsets of steps are (S + 1,), `values` (B,) are row-major; `of_row` (N,) and `of_column` (M,) are all 0.
     """
     for step in range(len(row_start) - 1):
         first, other, b = row_start[step], column_start[step], block_start[step]

@@ -12,7 +12,7 @@ from fbench.metrics.core.problem import is_valid
 from fbench.metrics.core.similarity import Blocks, blocks, image_overlaps
 from fbench.metrics.core.slices import Group, Part
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.arrays import Array, Bool, Int64
 from fbench.replay.data.sequences import Objects, Sequence
 
 
@@ -45,11 +45,6 @@ class Candidates:
     def estimates(self) -> Objects:
         """The M estimates."""
         return self.sequence.estimates[self.estimate_row]
-
-    @property
-    def score(self) -> Float64:
-        """(M,) of the estimates."""
-        return self.sequence.estimates.score[self.estimate_row]
 
     @cached_property
     def similarity(self) -> Blocks:
@@ -84,19 +79,17 @@ def compare_class(sequence: Sequence, group: Group, match: Match) -> Candidates:
     """
     truth, estimate_row = sequence.truth, np.flatnonzero(group.holds(sequence.estimates))
     estimates = sequence.estimates[estimate_row]
-    starts = truth.starts(len(sequence.steps)), estimates.starts(len(sequence.steps))
     invalid = ~is_valid(estimates, match.likeness)
-    values, start = blocks(truth, estimates, *starts, match.likeness, sequence.ego_m)
-    shares = values
+    pairs = blocks(truth, estimates, len(sequence.steps), match.likeness, sequence.ego_m)
+    shares = pairs.values
     if match.likeness == "iou2d":
-        shares, _ = image_overlaps(truth, estimates, *starts, np.ones(len(truth), bool))
-    pairs = Blocks(*starts, start, values)
+        shares = image_overlaps(truth, estimates, len(sequence.steps), np.ones(len(truth), bool)).values
     usable = ~invalid[pairs.pairs[1]]
     excused = usable & group.excuses(truth, estimates, pairs.pairs)
     return Candidates(
         sequence, match, group.counts(truth), estimate_row,
         np.ones(len(estimates), bool) if estimates.inside is None else estimates.inside, invalid,
-        replace(pairs, values=np.where(usable, values, -np.inf)),
+        replace(pairs, values=np.where(usable, pairs.values, -np.inf)),
         replace(pairs, values=np.where(excused, shares, -np.inf)),
     )  # fmt: skip
 
@@ -125,9 +118,7 @@ class BoxCounts(Counts):
 
     def as_dict(self) -> dict[str, int]:
         """All counts by name but that of predictions."""
-        counts = asdict(self)
-        del counts["predicted"]
-        return counts
+        return {name: num for name, num in asdict(self).items() if name != "predicted"}
 
 
 class Outcome(IntEnum):
@@ -173,12 +164,13 @@ class Judgement:
 def judge_detections(candidates: Candidates) -> Judgement:
     """Match greedily: of the estimates inside the region, then of the others, the best score chooses first."""
     c = candidates
-    return _judge(c, match_greedy(c.similarity, c.match.floor, c.score, ~c.inside))
+    return _judge(c, match_greedy(c.similarity, c.match.floor, c.estimates.score, ~c.inside))
 
 
 def judge_ranked(candidates: Candidates) -> Judgement:
     """Match greedily by score alone, so that what is left at a higher threshold is matched as it would be there."""
-    return _judge(candidates, match_greedy(candidates.similarity, candidates.match.floor, candidates.score))
+    c = candidates
+    return _judge(c, match_greedy(c.similarity, c.match.floor, c.estimates.score))
 
 
 def judge_tracks(candidates: Candidates) -> Judgement:
@@ -188,12 +180,9 @@ def judge_tracks(candidates: Candidates) -> Judgement:
 
 
 def _judge(candidates: Candidates, partner: Int64, by_score: bool = True) -> Judgement:
-    """An estimate without partner is a false alarm unless it is excused or outside the region.
+    """An estimate (M,) without truth box as partner (-1) is a false alarm unless it is excused or outside the region.
 
-    Args:
-        candidates: What was matched.
-        partner: (M,) truth box of each estimate; -1: none.
-        by_score: Whether the best score is excused first, as it is matched first; else as many as possible are.
+    `by_score`: the best score is excused first, as it is matched first; else as many as possible are.
     """
     c, free = candidates, partner < 0
     outcome = np.where(free, Outcome.FALSE_ALARM, Outcome.HIT).astype(np.int8)
@@ -206,8 +195,8 @@ def _judge(candidates: Candidates, partner: Int64, by_score: bool = True) -> Jud
             outcome[columns[good]] = Outcome.EXCUSED
         else:
             single = replace(c.excuse, values=np.where(good, c.excuse.values, -np.inf))
-            floor = c.match.floor
-            found = match_greedy(single, floor, c.score) if by_score else match_best(single, floor)
+            floor, score = c.match.floor, c.estimates.score
+            found = match_greedy(single, floor, score) if by_score else match_best(single, floor)
             outcome[found >= 0] = Outcome.EXCUSED
     outcome[c.invalid] = Outcome.INVALID
     return Judgement(c, partner, outcome)

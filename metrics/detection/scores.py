@@ -7,14 +7,8 @@ import numpy as np
 
 from fbench.metrics.core.exact import Counts, exact_sum
 from fbench.metrics.core.slices import Group, Heading
-from fbench.metrics.detection.outcomes import (
-    BoxCounts,
-    Judgement,
-    Outcome,
-    compare_class,
-    judge_detections,
-    judge_ranked,
-)
+from fbench.metrics.detection import outcomes
+from fbench.metrics.detection.outcomes import BoxCounts, Outcome
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.scores import Score
@@ -81,9 +75,7 @@ class Ranking:
         return cls._merge(scores, hit.astype(np.int64), (~hit).astype(np.int64), num_truth)
 
     def __add__(self, other: "Ranking") -> "Ranking":
-        scores, tp, fp = (
-            np.concatenate([getattr(self, name), getattr(other, name)]) for name in ("scores", "tp", "fp")
-        )
+        scores, tp, fp = (np.concatenate([getattr(self, n), getattr(other, n)]) for n in ("scores", "tp", "fp"))
         return self._merge(scores, tp, fp, self.num_truth + other.num_truth)
 
     @classmethod
@@ -130,25 +122,20 @@ class DetectionCounts(Counts):
 
 def detection_counts(sequence: Sequence, group: Group, match: Match) -> DetectionCounts:
     """Match and count one class of one sequence. Raises MetricError where boxes lack what the match compares."""
-    candidates = compare_class(sequence, group, match)
-    found, ranked = judge_detections(candidates), judge_ranked(candidates)
-    counts = ranked.used & np.isfinite(candidates.score)
-    is_hit = ranked.outcome[counts] == Outcome.HIT
-    ranking = Ranking.of(candidates.score[counts], is_hit, len(candidates.truth_row))
-    return DetectionCounts(found.counts, ranking, *_deviations(found))
-
-
-def _deviations(found: Judgement) -> tuple[Deviation, Deviation]:
-    sequence, hits = found.candidates.sequence, np.flatnonzero(found.truth_of_estimate >= 0)
-    truth = found.candidates.truth_row[found.truth_of_estimate[hits]]
-    estimates = found.candidates.estimates[hits]
+    candidates = outcomes.compare_class(sequence, group, match)
+    found, ranked = outcomes.judge_detections(candidates), outcomes.judge_ranked(candidates)
+    score = candidates.estimates.score
+    counts = ranked.used & np.isfinite(score)
+    ranking = Ranking.of(score[counts], ranked.outcome[counts] == Outcome.HIT, len(candidates.truth_row))
+    hits = np.flatnonzero(found.truth_of_estimate >= 0)
+    truth, estimates = candidates.truth_row[found.truth_of_estimate[hits]], candidates.estimates[hits]
     if estimates.distance_m is None and estimates.range_rate_mps is None:
-        return Deviation(), Deviation()
+        return DetectionCounts(found.counts, ranking)
     distance, rate = sequence.truth.distance_m, range_rates(sequence)
-    return (
-        Deviation.of(None if distance is None else distance[truth], estimates.distance_m),
+    return DetectionCounts(
+        found.counts, ranking, Deviation.of(None if distance is None else distance[truth], estimates.distance_m),
         Deviation.of(None if rate is None else rate[truth], estimates.range_rate_mps),
-    )
+    )  # fmt: skip
 
 
 def detection_rows(n: DetectionCounts, head: Heading) -> list[Score]:

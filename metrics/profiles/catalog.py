@@ -18,10 +18,8 @@ def profile_names() -> list[str]:
 
 
 def profile_of(name: str) -> AnyProfile:
-    """Return a profile by its name, or by `FILE.py:CLASS`.
-
-    Raises:
-        ConfigError: for an unknown name, with the nearest one, or where it stands for something else.
+    """Return a profile by its name, or by `FILE.py:CLASS`. Raises ConfigError for an unknown name, with the nearest,
+    or where it stands for something else.
     """
     loaded = load("profiles", name)
     try:
@@ -36,12 +34,9 @@ def profile_of(name: str) -> AnyProfile:
     return cast("AnyProfile", profile)
 
 
-_APART = ("name", "summary")
-
-
 def describe_rules(profile: AnyProfile) -> dict[str, str]:
     """Return all that a profile fixes, by dotted names."""
-    return {path: text for path, text in _items("", profile) if path not in _APART}
+    return {path: text for path, text in _items("", profile) if path not in ("name", "summary")}
 
 
 def explain(profile: AnyProfile) -> str:

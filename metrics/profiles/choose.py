@@ -11,57 +11,57 @@ import numpy as np
 
 from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
 from fbench.metrics.files.sequences import FilePair
-from fbench.metrics.files.side import InputWarning, Side, has_solids
+from fbench.metrics.files.side import InputWarning, has_solids
 from fbench.metrics.profiles.catalog import AnyProfile, profile_of
 from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
 from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
-from fbench.metrics.profiles.motmetrics import MotmetricsProfile
-from fbench.metrics.profiles.trackeval.profiles import TrackEvalProfile
+from fbench.metrics.profiles.trackeval.profiles import TracksProfile
 from fbench.metrics.reference_runs.images import image_sequence
 from fbench.metrics.reference_runs.world import world_sequence
 from fbench.metrics.runs.spaces import ground_view, image_view
 from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean
-from fbench.replay.contracts.profiles import Facts, Match, Profile, Statistics
+from fbench.replay.contracts.profiles import Match, Profile, Statistics
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.data.sequences import Sequence, Space
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.tables import BoxTable
 
 
 def choose_profile(name: str, match: str | None) -> AnyProfile:
-    """Return a profile by its name.
+    """Return a profile by its name, with a match as after `--match`; `None`: as the profile has it.
 
-    Args:
-        name: Of the profile.
-        match: As after `--match`; `None`: as the profile has it.
-
-    Raises:
-        ConfigError: for an unknown name, or a match that the profile can't do.
+    Raises ConfigError for an unknown name, or a match that the profile can't do.
     """
     profile = profile_of(name)
     return profile if match is None else profile.with_match(Match.parse(match))
 
 
 def fit_profile(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
-    """Return the profile as it fits files: `default` matches in space where both sides have 3D boxes, else in images.
+    """Return the profile as it fits files, whose first sequences are looked into: `default` matches in space where both
+    sides have 3D boxes, else in images, unless the user said what matches (`has_match`).
 
-    Args:
-        profile: As it was chosen.
-        pair: Truth and results; its first sequences are looked into.
-        has_match: Whether the user said what matches.
-
-    Raises:
-        ConfigError: where the files don't say what the profile needs: the order of samples, or where the body is.
+    Raises ConfigError where the files don't say what the profile needs: the order of samples, or where the body is.
     """
     if isinstance(profile, DefaultProfile) and not has_match:
-        return replace(profile, match=_match_for(pair))
+        for one in pair.pairs:
+            truth = pair.truth.read(one.truth).objects
+            estimates = None if one.estimates is None else pair.estimates.read(one.estimates).objects
+            if estimates is not None and len(truth) and len(estimates):
+                in_space = has_solids(truth) and has_solids(estimates)
+                return replace(profile, match=IN_SPACE if in_space else IN_IMAGES)
+        return replace(profile, match=IN_IMAGES)
     if profile.facts.needs_ego or profile.facts.needs_time:
         results = pair.estimates.submission() if profile.name == "nuscenes-detection" else None
         if results is not None and results.task == "tracking":
-            what = "submission of tracking, whose boxes are taken as detections"
-            pair.warnings.add(InputWarning(what, 1))
-        _require_samples(profile, pair, pair.truth.read(pair.pairs[0].truth))
+            pair.warnings.add(InputWarning("submission of tracking, whose boxes are taken as detections", 1))
+        side = pair.truth.read(pair.pairs[0].truth)
+        beside = f"put samples.csv (token, stamp_ns, scene, ego_x, ego_y, ego_z) beside {pair.truth.path}"
+        if profile.facts.needs_time and not side.are_ordered:
+            what = "nobody tells when the samples are"
+            raise ConfigError(f"{profile.name}: {what}; {beside}, or sample.json of nuScenes")
+        if side.space == "world" and side.ego_m is None:
+            what = "boxes are in the world, and nobody tells where the ego is"
+            raise ConfigError(f"{profile.name}: {what}; give truth ego_translation, or {beside}")
     return profile
 
 
@@ -82,31 +82,11 @@ def compared_space(profile: AnyProfile) -> Space:
     """Return where a profile compares boxes: what is wrong with them elsewhere is no matter to it."""
     if isinstance(profile, Kitti3dMot):
         return _space_of(profile.rules.match)
-    if isinstance(profile, DefaultProfile | TrackEvalProfile | MotmetricsProfile):
-        return _space_of(profile.match)
-    return profile.facts.space
+    return _space_of(profile.match) if isinstance(profile, DefaultProfile | TracksProfile) else profile.facts.space
 
 
 def _space_of(match: Match) -> Space:
     return "2d" if match.likeness == "iou2d" else "3d"
-
-
-def _match_for(pair: FilePair) -> Match:
-    for one in pair.pairs:
-        truth = pair.truth.read(one.truth).objects
-        estimates = None if one.estimates is None else pair.estimates.read(one.estimates).objects
-        if estimates is not None and len(truth) and len(estimates):
-            return IN_SPACE if has_solids(truth) and has_solids(estimates) else IN_IMAGES
-    return IN_IMAGES
-
-
-def _require_samples(profile: AnyProfile, pair: FilePair, truth: Side) -> None:
-    beside = f"put samples.csv (token, stamp_ns, scene, ego_x, ego_y, ego_z) beside {pair.truth.path}"
-    if profile.facts.needs_time and not truth.are_ordered:
-        raise ConfigError(f"{profile.name}: nobody tells when the samples are; {beside}, or sample.json of nuScenes")
-    if truth.space == "world" and truth.ego_m is None:
-        raise ConfigError(f"{profile.name}: boxes are in the world, and nobody tells where the ego is; give truth "
-                          f"ego_translation, or {beside}")  # fmt: skip
 
 
 def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> Sequence:
@@ -126,40 +106,24 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     """
     facts = profile.facts
     table = run.tracks if facts.judges_tracks else run.detections
-    space = _space(facts, match)
+    space = facts.space
+    if match is not None and (space != "both" or facts.family is None):
+        space = _space_of(match)
     if space == "3d" and isinstance(table.boxes, Boxes2D):
         raise MetricError(f"{run.folder}: {profile.name} needs 3D boxes, and the results are in images")
-    if facts.family is None:
-        return _own_sequence(run, table, space)
-    if profile.facts.needs_ego:
-        return world_sequence(run, table, facts.family, needs_world=profile.facts.needs_time)
+    if facts.family is None:  # by fbench's names, everywhere
+        everywhere = ScoreOptions(range_m=math.inf, in_view=False)
+        view = image_view(run, table, everywhere) if space == "2d" else ground_view(run, table, everywhere)
+        if view.reason is not None:
+            code = "GT001" if view.reason == "no truth" else ""
+            raise MetricError(f"{run.folder}: {view.reason}, so there is nothing to score", code)
+        return view.sequence
+    if facts.needs_ego:
+        return world_sequence(run, table, facts.family, needs_world=facts.needs_time)
     sequence = image_sequence(run, table, facts.family, space)
-    return _of_its_classes(sequence, profile) if isinstance(profile, TrackEvalProfile) else sequence
-
-
-def _space(facts: Facts, match: Match | None) -> Space:
-    if match is None or (facts.space == "both" and facts.family is not None):
-        return facts.space
-    return "2d" if match.likeness == "iou2d" else "3d"
-
-
-def _own_sequence(run: Run, table: BoxTable, space: Space) -> Sequence:
-    """By fbench's names, everywhere."""
-    everywhere = ScoreOptions(range_m=math.inf, in_view=False)
-    view = image_view(run, table, everywhere) if space == "2d" else ground_view(run, table, everywhere)
-    if view.reason is not None:
-        raise MetricError(
-            f"{run.folder}: {view.reason}, so there is nothing to score", "GT001" if view.reason == "no truth" else ""
-        )
-    return view.sequence
-
-
-def _of_its_classes(sequence: Sequence, profile: TrackEvalProfile) -> Sequence:
-    """Leave out results of classes that TrackEval would refuse: a detector of cars may find pedestrians too."""
-    allowed = sorted(profile.preparation.only_labels)
-    if not allowed:
-        return sequence
-    kept = np.isin(sequence.estimates.label, allowed)
+    allowed = sorted(profile.preparation.only_labels) if isinstance(profile, TracksProfile) else []
+    # Results of classes that TrackEval would refuse are left out: a detector of cars may find pedestrians too.
+    kept = np.isin(sequence.estimates.label, allowed) | (not allowed)
     return sequence if kept.all() else replace(sequence, estimates=sequence.estimates[kept])
 
 
@@ -181,18 +145,18 @@ class Evaluation(Generic[S]):
     def scores(self, how: Bootstrap | None = None) -> list[Score]:
         """Return rows over all sequences, then of each where there are several.
 
-        Args:
-            how: Resamples for confidence intervals of the numbers over all: what other sequences of their kind would
-                give; none by default.
+        With resamples, `how`, the numbers over all have confidence intervals: what other sequences of their kind would
+        give; none by default.
         """
-        rows = self.profile.scores(self.total, "all") if how is None else self._with_intervals(how)
+
+        def rows_of(total: S) -> list[Score]:
+            return self.profile.scores(total, "all")
+
+        rows = rows_of(self.total) if how is None else with_intervals(self.statistics, rows_of, how, "sequences")
         if len(self.statistics) > 1:
             for name, own in self.statistics.items():
                 rows += self.profile.scores(own, f"sequence {name}")
         return rows
-
-    def _with_intervals(self, how: Bootstrap) -> list[Score]:
-        return with_intervals(self.statistics, lambda total: self.profile.scores(total, "all"), how, "sequences")
 
 
 def evaluate(profile: Profile[S], sequences: Iterable[Sequence]) -> Evaluation[S]:

@@ -1,13 +1,13 @@
 """The profile `default`: fbench's own scores, for results in files."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.ordering import content_order
-from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, add_entries, label_group
+from fbench.metrics.core.slices import VEHICLE, Entry, Heading, add_entries, find_labels, label_group
 from fbench.metrics.detection.scores import DetectionCounts, curve_rows, detection_counts, detection_rows
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
@@ -20,14 +20,11 @@ IN_SPACE, IN_IMAGES = Match("bev", 2.0), Match("iou2d", 0.5)
 
 
 @dataclass(frozen=True)
-class Both:
+class Both(Counts):
     """Detections and tracks of one class are the same boxes here."""
 
     detection: DetectionCounts
     tracking: TrackingCounts
-
-    def __add__(self, other: "Both") -> "Both":
-        return Both(self.detection + other.detection, self.tracking + other.tracking)
 
 
 @dataclass(frozen=True)
@@ -38,15 +35,6 @@ class DefaultStatistics:
 
     def __add__(self, other: "DefaultStatistics") -> "DefaultStatistics":
         return DefaultStatistics(add_entries([self.entries, other.entries]))
-
-
-_FACTS = Facts(
-    judges_tracks=True, space="both",
-    headlines=Headlines(
-        ("f1", "precision", "recall", "ap", "mota", "mota_no_fp", "motp", "idf1", "hota", "deta", "assa", "loca",
-         "idsw", "frag", "mt", "ml")
-    ),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -61,15 +49,14 @@ class DefaultProfile:
     name: str = "default"
     summary: str = "precision, recall, F1, CLEAR MOT, IDF1 and HOTA as fbench scores its runs"
 
-    @property
-    def facts(self) -> Facts:
-        """What it judges, and what it needs for that."""
-        return _FACTS
-
-    @property
-    def result_labels(self) -> frozenset[str]:
-        """Labels of results that are scored; empty: any are."""
-        return frozenset()
+    facts: ClassVar[Facts] = Facts(
+        judges_tracks=True, space="both",
+        headlines=Headlines(
+            ("f1", "precision", "recall", "ap", "mota", "mota_no_fp", "motp", "idf1", "hota", "deta", "assa", "loca",
+             "idsw", "frag", "mt", "ml")
+        ),
+    )  # fmt: skip
+    result_labels: ClassVar[frozenset[str]] = frozenset()
 
     def with_match(self, match: Match) -> Self:
         """Return the profile with another rule of what matches; any will do."""
@@ -79,39 +66,26 @@ class DefaultProfile:
         """Return the statistics of one sequence. Raises MetricError where boxes lack what the match compares, or an id
         is twice in one frame of a class (GT003).
         """
-        known = replace(sequence, truth=_name_classes(sequence.truth), estimates=_name_classes(sequence.estimates))
-        return DefaultStatistics(tuple(self._entry(known, group) for group in _groups(known)))
+        truth, estimates = _name_classes(sequence.truth), _name_classes(sequence.estimates)
+        known, met = replace(sequence, truth=truth, estimates=estimates), find_labels(truth, estimates)
+        groups = [VEHICLE] if met & {*VEHICLE.labels, ""} or not met else []
+        entries = []
+        for group in (*groups, *(label_group(name) for name in LABELS if name in met)):
+            own = replace(known, truth=truth[group.holds(truth)], estimates=estimates[group.holds(estimates)])
+            require_unique_ids(own)
+            counts = Both(detection_counts(known, group, self.match), tracking_counts(known, group, self.match))
+            entries.append(Entry(Heading(group.name, "all", str(self.match), None, len(sequence.steps)), counts))
+        return DefaultStatistics(tuple(entries))
 
     def scores(self, statistics: DefaultStatistics, part: str) -> list[Score]:
         """Return rows of all vehicles, then of each label."""
-        entries = sorted(statistics.entries, key=lambda entry: _rank(entry.heading.class_))
-        return [row for entry in entries for row in self._rows(entry, part)]
-
-    def _entry(self, sequence: Sequence, group: Group) -> Entry[Both]:
-        require_unique_ids(_of_class(sequence, group))
-        counts = Both(detection_counts(sequence, group, self.match), tracking_counts(sequence, group, self.match))
-        return Entry(Heading(group.name, "all", str(self.match), None, len(sequence.steps)), counts)
-
-    def _rows(self, entry: Entry[Both], part: str) -> list[Score]:
-        head = replace(entry.heading, slice=part)
-        rows = detection_rows(entry.counts.detection, head)
-        rows += tracking_rows(entry.counts.tracking, head, "m" if self.match.is_distance else "iou")
-        return rows + curve_rows(entry.counts.detection, head)
-
-
-def _of_class(sequence: Sequence, group: Group) -> Sequence:
-    truth, estimates = (objects[group.holds(objects)] for objects in (sequence.truth, sequence.estimates))
-    return replace(sequence, truth=truth, estimates=estimates)
-
-
-def _groups(sequence: Sequence) -> Iterable[Group]:
-    asked = sequence.truth.label
-    if sequence.truth.ignore is not None:
-        asked = asked[~sequence.truth.ignore]
-    met = {*np.unique(asked).tolist(), *np.unique(sequence.estimates.label).tolist()}
-    if met & {*VEHICLE.labels, ""} or not met:
-        yield VEHICLE
-    yield from (label_group(name) for name in LABELS if name in met)
+        names, rows = (VEHICLE.name, *LABELS), []
+        for entry in sorted(statistics.entries, key=lambda entry: names.index(entry.heading.class_)):
+            head, counts = replace(entry.heading, slice=part), entry.counts
+            rows += detection_rows(counts.detection, head)
+            rows += tracking_rows(counts.tracking, head, "m" if self.match.is_distance else "iou")
+            rows += curve_rows(counts.detection, head)
+        return rows
 
 
 def _name_classes(objects: Objects) -> Objects:
@@ -120,7 +94,3 @@ def _name_classes(objects: Objects) -> Objects:
     names = np.array([label(str(word)) for word in words], np.str_)
     named = replace(objects, label=names[which] if len(words) else objects.label)
     return named[content_order(named)]
-
-
-def _rank(name: str) -> int:
-    return -1 if name == VEHICLE.name else LABELS.index(name) if name in LABELS else len(LABELS)

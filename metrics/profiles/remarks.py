@@ -1,52 +1,41 @@
 """Remarks on results under a profile, and the rows that are printed."""
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from fbench.metrics.core.exact import Counts
 from fbench.metrics.profiles.catalog import AnyProfile
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Headlines
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Float64
 from fbench.replay.data.classes import is_known
 from fbench.replay.data.scores import Score
-from fbench.replay.data.sequences import Objects, Sequence
+from fbench.replay.data.sequences import Sequence
 
 _OWN = "default"
 _NAMED = 5
 
 
 @dataclass(frozen=True)
-class Side:
+class Side(Counts):
     """Boxes of one side, of classes that count."""
 
     num: int = 0
     num_ids: int = 0  # That have one
 
-    def __add__(self, other: "Side") -> "Side":
-        return Side(self.num + other.num, self.num_ids + other.num_ids)
-
 
 @dataclass(frozen=True)
-class Tally:
+class Tally(Counts):
     """What was met in sequences."""
 
     truth: Side = Side()  # Without what is to be ignored
     results: Side = Side()
-    truth_labels: frozenset[str] = frozenset()
-    labels: Counter[str] = field(default_factory=Counter)  # Of all results
+    truth_labels: Mapping[str, int] = field(default_factory=dict)
+    labels: Mapping[str, int] = field(default_factory=dict)  # Of all results
     scores: Mapping[str, tuple[Float64, ...]] = field(default_factory=dict)
     """Of results that count, by label: where ties can decide."""
-
-    def __add__(self, other: "Tally") -> "Tally":
-        names = dict.fromkeys((*self.scores, *other.scores))
-        scores = {name: (*self.scores.get(name, ()), *other.scores.get(name, ())) for name in names}
-        return Tally(
-            self.truth + other.truth, self.results + other.results, self.truth_labels | other.truth_labels,
-            self.labels + other.labels, scores,
-        )  # fmt: skip
 
 
 @dataclass
@@ -70,95 +59,67 @@ class Remarks:
         """
         if not self.profile.facts.judges_tracks or self.profile.name == _OWN:
             return
-        for where, what, side in ((self.truth, "truth boxes", self.tally.truth), (self.what, "results",
-                                                                                  self.tally.results)):  # fmt: skip
+        truth, results = (self.truth, "truth boxes", self.tally.truth), (self.what, "results", self.tally.results)
+        for where, what, side in (truth, results):
             if side.num and not side.num_ids:
-                raise MetricError(
-                    f"{where}: none of the {side.num} {what} has a track id; {self.profile.name} needs them"
-                )
+                none = f"none of the {side.num} {what} has a track id"
+                raise MetricError(f"{where}: {none}; {self.profile.name} needs them")
 
     def lines(self) -> list[str]:
         """Return what there is to say, a line a matter."""
-        found = [*_about_classes(self.tally, self.profile), *_about_ids(self.tally, self.profile)]
-        return [f"{self.what}: {line}" for line in [*found, *_about_ties(self.tally)]]
+        tally, found = self.tally, list(_about_classes(self.tally, self.profile))
+        what = "count as tracks of their own" if self.profile.name == _OWN else "are left out"
+        for name, side in (("results", tally.results), ("truth boxes", tally.truth)):
+            if self.profile.facts.judges_tracks and 0 < side.num_ids < side.num:
+                found.append(f"{side.num - side.num_ids} of {side.num} {name} have no id and {what}")
+        num = 0
+        for parts in tally.scores.values():
+            scores = np.concatenate(parts)
+            times = np.unique(scores[np.isfinite(scores)], return_counts=True)[1]
+            num += int(times[times > 1].sum())
+        if num:
+            ranks = "tools rank them as the file does, here content decides"
+            found.append(f"{num} results share their score with another of their class: {ranks}")
+        return [f"{self.what}: {line}" for line in found]
 
 
 def tally_of(sequence: Sequence, profile: AnyProfile) -> Tally:
     """Count what remarks are about."""
-    truth, results = sequence.truth, sequence.estimates
+    truth, results, labels = sequence.truth, sequence.estimates, sorted(profile.result_labels)
     asked = np.ones(len(truth), bool) if truth.ignore is None else ~truth.ignore
-    counts = _of_classes(results, profile)
-    names, numbers = np.unique(results.label, return_counts=True)
-    ranked = names.tolist() if profile.facts.ranks_by_file else []
-    scores = {name: (results.score[counts & (results.label == name)],) for name in ranked}
-    return Tally(
-        _side(truth, asked),
-        _side(results, counts),
-        frozenset(np.unique(truth.label[asked]).tolist()),
-        Counter(dict(zip(names.tolist(), numbers.tolist(), strict=True))),
-        scores,
+    counts = np.isin(results.label, labels) if labels else np.ones(len(results), bool)
+    true, own = (
+        Side(int(rows.sum()), int((objects.track_id[rows] >= 0).sum()))
+        for objects, rows in ((truth, asked), (results, counts))
     )
-
-
-def _of_classes(results: Objects, profile: AnyProfile) -> Bool:
-    labels = sorted(profile.result_labels)
-    return np.isin(results.label, labels) if labels else np.ones(len(results), bool)
-
-
-def _side(objects: Objects, rows: Bool) -> Side:
-    return Side(int(rows.sum()), int((objects.track_id[rows] >= 0).sum()))
+    met_truth, met = (
+        dict(zip(*(column.tolist() for column in np.unique(label, return_counts=True)), strict=True))
+        for label in (truth.label[asked], results.label)
+    )
+    ranked = met if profile.facts.ranks_by_file else ()
+    scores = {name: (results.score[counts & (results.label == name)],) for name in ranked}
+    return Tally(true, own, met_truth, met, scores)
 
 
 def _about_classes(tally: Tally, profile: AnyProfile) -> Iterator[str]:
     known, labels = profile.result_labels, tally.labels
     if profile.name == _OWN:
         strange = {name: num for name, num in labels.items() if name and not is_known(name)}
-        if strange:
-            names = _format_labels(strange)
-            yield f"{_boxes(strange)} of classes that fbench doesn't know, which count as other: {names}"
+        which = "fbench doesn't know, which count as other"
     elif profile.name == "coco" and not known:
         strange = {name: num for name, num in labels.items() if name not in tally.truth_labels}
-        if strange:
-            yield f"{_boxes(strange)} of classes that the truth lacks, which have no AP: {_format_labels(strange)}"
-    elif known:
-        strange = {name: num for name, num in labels.items() if name not in known}
+        which = "the truth lacks, which have no AP"
+    else:
+        strange = {name: num for name, num in labels.items() if known and name not in known}
+        which = f"{profile.name} doesn't score"
         if set(labels) == {""} and strange:
             yield f"the results have no classes, so none of them is of a class of {profile.name}"
-        elif strange:
-            yield f"{_boxes(strange)} of classes that {profile.name} doesn't score: {_format_labels(strange)}"
-
-
-def _about_ids(tally: Tally, profile: AnyProfile) -> Iterator[str]:
-    if not profile.facts.judges_tracks:
-        return
-    what = "count as tracks of their own" if profile.name == _OWN else "are left out"
-    for name, side in (("results", tally.results), ("truth boxes", tally.truth)):
-        if 0 < side.num_ids < side.num:
-            yield f"{side.num - side.num_ids} of {side.num} {name} have no id and {what}"
-
-
-def _about_ties(tally: Tally) -> Iterator[str]:
-    num = sum(_tied(np.concatenate(parts)) for parts in tally.scores.values())
-    if num:
-        ranks = "tools rank them as the file does, here content decides"
-        yield f"{num} results share their score with another of their class: {ranks}"
-
-
-def _tied(scores: Float64) -> int:
-    times = np.unique(scores[np.isfinite(scores)], return_counts=True)[1]
-    return int(times[times > 1].sum())
-
-
-def _boxes(labels: Mapping[str, int]) -> str:
-    num = sum(labels.values())
-    return f"{num} {'result is' if num == 1 else 'results are'}"
-
-
-def _format_labels(labels: Mapping[str, int]) -> str:
-    """The most frequent ones first."""
-    names = sorted(labels, key=lambda name: (-labels[name], name))
-    shown = ", ".join(f"{name or 'without a class'} ({labels[name]})" for name in names[:_NAMED])
-    return shown + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+            return
+    if strange:
+        num, names = sum(strange.values()), sorted(strange, key=lambda name: (-strange[name], name))
+        shown = ", ".join(f"{name or 'without a class'} ({strange[name]})" for name in names[:_NAMED])
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        yield f"{num} {'result is' if num == 1 else 'results are'} of classes that {which}: {shown}{more}"
 
 
 @dataclass(frozen=True)
@@ -166,7 +127,7 @@ class Line:
     """One line of the table: a metric and how it was matched."""
 
     metric: str
-    matching: str
+    matching: str  # How boxes matched, where that is the same for all columns; else empty
     scores: Mapping[str, Score]  # By column: the class, and what of it
 
 
@@ -177,8 +138,13 @@ def lines(rows: Iterable[Score], headlines: Headlines, part: str = "all") -> lis
     for metric in headlines.metrics or tuple(dict.fromkeys(row.metric for row in own)):
         for row in own:
             if row.metric == metric:
-                _add(found, row, part, headlines.all_matchings)
-    return [Line(metric, _common(cells.values()), cells) for (metric, _), cells in found.items()]
+                cells = found.setdefault((metric, row.matching if headlines.all_matchings else ""), {})
+                cells.setdefault(row.class_ + row.slice.removeprefix(part), row)
+    result = []
+    for (metric, _), cells in found.items():
+        matchings = {score.matching for score in cells.values()}
+        result.append(Line(metric, matchings.pop() if len(matchings) == 1 else "", cells))
+    return result
 
 
 def by_slice(rows: Iterable[Score]) -> dict[tuple[str, str, str, str], Score]:
@@ -187,15 +153,3 @@ def by_slice(rows: Iterable[Score]) -> dict[tuple[str, str, str, str], Score]:
     for row in rows:
         found.setdefault((row.slice, row.class_, row.metric, row.matching), row)
     return found
-
-
-def _add(found: dict[tuple[str, str], dict[str, Score]], row: Score, part: str, all_matchings: bool) -> None:
-    column = row.class_ + row.slice.removeprefix(part)
-    kind = row.matching if all_matchings else ""
-    found.setdefault((row.metric, kind), {}).setdefault(column, row)
-
-
-def _common(scores: Iterable[Score]) -> str:
-    """How boxes matched, where that is the same for all columns."""
-    different = list(dict.fromkeys(score.matching for score in scores))
-    return different[0] if len(different) == 1 else ""

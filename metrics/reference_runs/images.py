@@ -10,12 +10,11 @@ from fbench.metrics.reference_runs.rows import Rows, join_sides, objects_of
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Family
-from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.sequences import Objects, Sequence, Space
-from fbench.replay.formats.sequence import ImageRows, body_T_level
+from fbench.replay.formats.sequence import body_T_level
 from fbench.replay.geometry.camera import not_projectable, project_boxes
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.runs.folder import Run
@@ -35,11 +34,6 @@ class View:
     image."""
     is_recorded: bool  # Whether truth has rectangles of its own
 
-    @property
-    def run(self) -> Run:
-        """The run."""
-        return self.labeled.run
-
 
 def view_of(run: Run, boxes: Boxes, space: Space) -> View:
     """Return how results are scored against the truth of their run. Raises MetricError where there is no such truth
@@ -51,9 +45,13 @@ def view_of(run: Run, boxes: Boxes, space: Space) -> View:
     if wanted not in spaces:
         what = "truth in 3D" if spaces else "truth"
         raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
-    labeled = Labelled.of(run, wanted)
-    cameras = _cameras(run, boxes, is_recorded)
-    bent = _bent(run, cameras) if isinstance(boxes, Boxes3D) or not is_recorded else ""
+    labeled, known = Labelled.of(run, wanted), run.manifest.rig.cameras
+    # KITTI's own camera, where the log is KITTI's.
+    kept = _KITTI_CAMERA if run.manifest.log.metadata.get(CAMERA0) is not None else ""
+    cameras, bent = labeled.cameras(boxes, kept), ""
+    if isinstance(boxes, Boxes3D) or not is_recorded:  # cameras whose lens isn't modeled, or that the rig doesn't know
+        unknown = (name for name in cameras if name not in known or not_projectable(known[name]) is not None)
+        bent = next(unknown, "")
     if space == "2d":
         if not cameras:
             raise MetricError(f"{run.folder}: no camera, in whose image boxes could be scored")
@@ -64,29 +62,6 @@ def view_of(run: Run, boxes: Boxes, space: Space) -> View:
     return View(labeled, space, cameras, is_recorded)
 
 
-def _cameras(run: Run, boxes: Boxes, is_recorded: bool) -> tuple[str, ...]:
-    """KITTI's own camera, else those of the truth in images, else all; of results in images those that the pipeline
-    got.
-    """
-    rig, owners = run.manifest.rig, set(run.manifest.rig.cameras)
-    if is_recorded:
-        truth = run.truth_table("2d").boxes
-        own = set(np.unique(truth.camera).tolist()) if isinstance(truth, Boxes2D) else set()
-        owners = own or owners
-    if run.manifest.log.metadata.get(CAMERA0) is not None and _KITTI_CAMERA in owners:
-        return (_KITTI_CAMERA,)
-    if isinstance(boxes, Boxes2D):
-        names = rig.sensors("camera", "lidar", "radar")
-        owners -= set(names) - set(choose_sensors(names, run.manifest.frames.sensors))
-    return tuple(sorted(owners))
-
-
-def _bent(run: Run, cameras: tuple[str, ...]) -> str:
-    """The first camera whose lens isn't modeled, or that the rig doesn't know."""
-    known = run.manifest.rig.cameras
-    return next((name for name in cameras if name not in known or not_projectable(known[name]) is not None), "")
-
-
 def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> Sequence:
     """Return truth and results of a run by the names of a benchmark; solids are in body coordinates.
 
@@ -95,13 +70,20 @@ def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> S
     rectangle. Raises MetricError where the run has no such truth (GT001), or no image.
     """
     view = view_of(run, table.boxes, space)
+    frame, boxes, nothing = *view.labeled.rows(table), np.zeros(0, np.int64)
+
+    def results(camera: str) -> Rows:
+        if isinstance(boxes, Boxes2D):
+            return join_sides(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
+        return join_sides(nothing, Boxes2D.empty(), nothing, frame, boxes)
+
     truth = _objects(view, family, lambda camera: _truth(view, camera))
     bad = find_unreal(truth)
     return Sequence(
         run.manifest.log.name,
         view.labeled.steps(view.cameras if len(view.cameras) > 1 else ()),
         truth[~bad],
-        _objects(view, family, lambda camera: _results(view, camera, table)),
+        _objects(view, family, results),
         view.labeled.num_unlabeled,
         int(bad.sum()),
     )
@@ -114,32 +96,23 @@ def _objects(view: View, family: Family, rows_in: Callable[[str], Rows]) -> Obje
     alpha = np.concatenate([_alphas(view, camera, part) for camera, part in zip(cameras, parts, strict=True)])
     step = np.concatenate([part.frame * len(cameras) + i for i, part in enumerate(parts)])
     order = np.argsort(step, kind="stable")
-    first = parts[0].found
     xyxy, flat_rows, solid_rows = (
         np.concatenate([getattr(part.found, name) for part in parts]) for name in ("xyxy_px", "flat_rows", "solid_rows")
     )
-    found = ImageRows(xyxy, first.flat, flat_rows, first.solid, solid_rows)
+    found = replace(parts[0].found, xyxy_px=xyxy, flat_rows=flat_rows, solid_rows=solid_rows)
     rows = Rows(np.concatenate([part.frame for part in parts]), found)
     return objects_of(rows[order], family, step[order], alpha[order])
 
 
 def _truth(view: View, camera: str) -> Rows:
-    frame2d, flat = view.labeled.rows(view.run.truth_table("2d"))
-    frame3d, solid = view.labeled.rows(view.run.truth_table("3d"))
+    frame2d, flat = view.labeled.rows(view.labeled.run.truth_table("2d"))
+    frame3d, solid = view.labeled.rows(view.labeled.run.truth_table("3d"))
     flat = flat if isinstance(flat, Boxes2D) else Boxes2D.empty()
     solid = solid if isinstance(solid, Boxes3D) else Boxes3D.empty()
     rows = join_sides(frame2d, flat, np.flatnonzero(flat.camera == camera), frame3d, solid)
     if view.space == "2d":
         return rows[rows.found.flat_rows >= 0] if view.is_recorded else rows
     return rows[(rows.found.solid_rows >= 0) | rows.ignored] if view.space == "3d" else rows
-
-
-def _results(view: View, camera: str, table: BoxTable) -> Rows:
-    frame, boxes = view.labeled.rows(table)
-    nothing = np.zeros(0, np.int64)
-    if isinstance(boxes, Boxes2D):
-        return join_sides(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
-    return join_sides(nothing, Boxes2D.empty(), nothing, frame, boxes)
 
 
 def _place(view: View, camera: str, rows: Rows) -> Rows:
@@ -162,7 +135,10 @@ def _alphas(view: View, camera: str, rows: Rows) -> Float64:
     """Angles (N,) at which the camera sees the solids, as KITTI has them; NaN where there is none."""
     angles = np.full(len(rows), np.nan)
     has = np.flatnonzero(rows.found.solid_rows >= 0)
-    solid, owner = rows.found.solid[rows.found.solid_rows[has]], view.run.manifest.log.metadata.get(CAMERA0, camera)
+    solid, owner = (
+        rows.found.solid[rows.found.solid_rows[has]],
+        view.labeled.run.manifest.log.metadata.get(CAMERA0, camera),
+    )
     for rig, own in view.labeled.rigs(rows.frame[has]):
         body_T = body_T_level(owner, rig) if owner else None
         center, yaw = solid[own].center_m, solid[own].yaw_rad

@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fbench.replay.contracts.profiles import Family
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, text_array
+from fbench.replay.data.arrays import Bool, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.sequences import Objects
-from fbench.replay.formats.export_request import TABLES, ClassTable
+from fbench.replay.formats.export_request import TABLES
 from fbench.replay.formats.sequence import ImageRows, pair_boxes
 
 RACK = "static_object.bicycle_rack"  # nuScenes' truth tells where bicycles stand that don't count
@@ -22,29 +22,23 @@ _REGIONS = {"kitti-tracking": "dontcare", "mot": "distractor"}
 def names_of(family: Family | None, source_labels: Text, labels: Text, ignored: Bool) -> Text:
     """Return the benchmark's name (N,) of each box in lower case; empty where it has none, or the box has no class.
 
-    Args:
-        family: Of the benchmark; `None`: the source's own words, else fbench's.
-        source_labels: (N,) as the source names classes; empty where it doesn't.
-        labels: (N,) of fbench.
-        ignored: (N,) truth that is neither a hit nor a miss.
+    `family` is that of the benchmark; `None`: the source's own words, else fbench's. `source_labels` (N,) are classes
+    as the source names them, empty where it doesn't, `labels` (N,) those of fbench, `ignored` (N,) truth that is
+    neither a hit nor a miss.
     """
     if not len(labels):
         return np.zeros(0, "U1")
     if family is None:
         return text_array([own.lower() or label for own, label in zip(source_labels, labels, strict=True)])
-    table, region = TABLES[family], _REGIONS.get(family, "")
+    table, region, known = TABLES[family], _REGIONS.get(family, ""), {}
     triples = list(zip(source_labels.tolist(), labels.tolist(), ignored.tolist(), strict=True))
-    known = {triple: _name(table, region, *triple) for triple in dict.fromkeys(triples)}
+    for triple in dict.fromkeys(triples):
+        own, label, is_ignored = triple
+        known[triple] = own if own == RACK else (table.name(own, label) or "").lower()
+        # A word of MOTChallenge says by itself whether it excuses what is found there; KITTI has one for all.
+        if is_ignored and region and (region == "dontcare" or own not in table.own):
+            known[triple] = region
     return text_array([known[triple] for triple in triples])
-
-
-def _name(table: ClassTable, region: str, source_label: str, label: str, is_ignored: bool) -> str:
-    # A word of MOTChallenge says by itself whether it excuses what is found there; KITTI has but one for all regions.
-    if is_ignored and region and (region == "dontcare" or source_label not in table.own):
-        return region
-    if source_label == RACK:
-        return RACK
-    return (table.name(source_label, label) or "").lower()
 
 
 B = TypeVar("B", Boxes2D, Boxes3D)
@@ -60,17 +54,11 @@ def stack(parts: Sequence[B], nothing: B) -> B:
     joined: dict[str, Any] = {}
     for own in fields(full[0]):
         columns = [getattr(part, own.name) for part in full]
-        example: Array | None = next((column for column in columns if column is not None), None)
-        if example is not None:
-            joined[own.name] = np.concatenate([
-                _unknown(len(part), example) if column is None else column
-                for part, column in zip(full, columns, strict=True)
-            ])  # fmt: skip
+        if known := [column for column in columns if column is not None]:
+            unknown = np.full_like(known[0][:1], _UNKNOWN[known[0].dtype.kind])
+            filled = (unknown.repeat(len(part), axis=0) for part in full)
+            joined[own.name] = np.concatenate([f if c is None else c for f, c in zip(filled, columns, strict=True)])
     return type(nothing)(**joined)
-
-
-def _unknown(num: int, like: Array) -> Array:
-    return np.full((num, *like.shape[1:]), _UNKNOWN[like.dtype.kind], like.dtype)
 
 
 _ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")  # Attribute of 2D truth from KITTI's labels
@@ -97,15 +85,8 @@ class Rows:
 
 
 def join_sides(flat_frame: Int64, flat: Boxes2D, chosen: Int64, solid_frame: Int64, solid: Boxes3D) -> Rows:
-    """Return the objects of 2D boxes of one camera, and of 3D boxes: in each frame those with a 2D box in their order,
-    then the others.
-
-    Args:
-        flat_frame: (N,) frame of each 2D box.
-        flat: N of them.
-        chosen: Rows of those in the camera's image.
-        solid_frame: (M,)
-        solid: 3D boxes.
+    """Return the objects of N 2D boxes, of which those `chosen` are in one camera's image, and of M 3D boxes, by their
+    frames (N,) and (M,): in each frame those with a 2D box in their order, then the others.
     """
     mates = pair_boxes(flat[chosen], solid, flat_frame[chosen], solid_frame)
     alone = np.setdiff1d(np.arange(len(solid)), mates)
@@ -117,13 +98,10 @@ def join_sides(flat_frame: Int64, flat: Boxes2D, chosen: Int64, solid_frame: Int
 
 
 def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float64 | None = None) -> Objects:
-    """Return rows as objects with the benchmark's names, in their order; solids are where the 3D boxes are.
+    """Return N rows, sorted by step (N,), as objects with the benchmark's names; solids are where the 3D boxes are.
 
-    Args:
-        rows: N, sorted by step.
-        family: Of the benchmark; `None`: of none.
-        step: (N,) ascending.
-        alpha_rad: (N,) angles of observation that follow from the boxes; those that the source tells go first.
+    `family` is that of the benchmark; `None`: of none. `alpha_rad` (N,) are angles of observation that follow from the
+    boxes; those that the source tells go first.
     """
     found, ignored, num = rows.found, rows.ignored, len(rows)
     ids = np.array(found.column("track_id", -1), np.int64)
@@ -141,25 +119,22 @@ def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float6
         if given := _ALPHA.fullmatch(text):
             alpha[row] = np.nan if float(given[1]) == _UNKNOWN_ALPHA else float(given[1])
 
-    occlusion, truncation, visibility = (
-        _known(np.asarray(found.column(name, np.nan), np.float64)) for name in ("occlusion", "truncation", "visibility")
-    )
+    names = ("occlusion", "truncation", "visibility")
+    levels: dict[str, Any] = {name: _if_known(np.asarray(found.column(name, np.nan), np.float64)) for name in names}
     return Objects(
         step=step,
         label=names_of(family, found.column("source_label", ""), found.column("label", ""), ignored),
         track_id=ids,
         score=np.asarray(found.column("score", 0.0), np.float64),
-        xyxy_px=_known(found.xyxy_px),
+        xyxy_px=_if_known(found.xyxy_px),
         center_m=center if has.any() else None,
         size_lwh_m=size if has.any() else None,
         yaw_rad=yaw if has.any() else None,
-        alpha_rad=_known(alpha),
-        occlusion=occlusion,
-        truncation=truncation,
-        visibility=visibility,
+        alpha_rad=_if_known(alpha),
         ignore=ignored if ignored.any() else None,
+        **levels,
     )
 
 
-def _known(values: Float64) -> Float64 | None:
+def _if_known(values: Float64) -> Float64 | None:
     return None if np.isnan(values).all() else values

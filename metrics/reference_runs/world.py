@@ -36,9 +36,8 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
     found = run.poses[[row_of[frame.index] for frame in labeled.frames]]
     has_poses = bool(np.isfinite(found).all())
     if needs_world and not has_poses:
-        raise MetricError(
-            f"{run.folder}: its log doesn't tell where the body was, without which tracks can't be scored in the world"
-        )
+        why = "its log doesn't tell where the body was, without which tracks can't be scored in the world"
+        raise MetricError(f"{run.folder}: {why}")
     poses = pose_matrices(found[:, :3], found[:, 3:]) if has_poses else np.tile(np.eye(4), (len(found), 1, 1))
     truth = in_world(*labeled.rows(run.truth_table("3d")), poses, family, is_truth=True)
     bad = find_unreal(truth)
@@ -54,17 +53,10 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
 
 
 def in_world(frame: Int64, boxes: Boxes2D | Boxes3D, poses: Float64, family: Family, is_truth: bool) -> Objects:
-    """Return boxes with nuScenes' names and attributes, in the world.
+    """Return N boxes in body coordinates with the names of one of nuScenes' benchmarks and attributes, in the world.
 
-    Args:
-        frame: (N,) step of each.
-        boxes: N of them in body coordinates.
-        poses: (F, 4, 4) `world_T_body` of the steps.
-        family: Which of nuScenes' benchmarks.
-        is_truth: Results of classes that aren't scored are left out, those without a class are not.
-
-    Raises:
-        MetricError: where boxes are in images.
+    `frame` (N,) is the step of each, `poses` (F, 4, 4) the `world_T_body` of the steps. Results of classes that aren't
+    scored are left out, those without a class are not. Raises MetricError where boxes are in images.
     """
     if not isinstance(boxes, Boxes3D):
         raise MetricError("boxes in images can't be scored as nuScenes scores them, in 3D")
@@ -79,10 +71,14 @@ def in_world(frame: Int64, boxes: Boxes2D | Boxes3D, poses: Float64, family: Fam
         attribute = np.where(np.isin(given, ATTRIBUTES), given, "")
     else:  # also what follows from how fast they are
         attribute = text_array(attributes(boxes, names.tolist(), velocity))
+    pitch = np.zeros(len(boxes)) if boxes.pitch_rad is None else boxes.pitch_rad
+    with np.errstate(invalid="ignore"):  # the direction of the length
+        ahead = [np.cos(boxes.yaw_rad) * np.cos(pitch), np.sin(boxes.yaw_rad) * np.cos(pitch), -np.sin(pitch)]
+    x, y, _ = _turn(poses[frame], np.column_stack(ahead)).T
     own = replace(
         boxes,
         center_m=_turn(poses[frame], boxes.center_m) + poses[frame, :3, 3],
-        yaw_rad=_headings(boxes, poses[frame]),
+        yaw_rad=np.asarray(np.arctan2(y, x), np.float64),  # in the ground plane of the world
         velocity_mps=velocity if is_truth else np.where(np.isnan(velocity), 0.0, velocity),
         label=names,
         attribute=attribute,
@@ -97,15 +93,6 @@ def _turn(poses: Float64, vectors: Float64) -> Float64:
     with np.errstate(invalid="ignore"):
         x, y, z = ((poses[:, axis, :3] * vectors).sum(axis=1) for axis in range(3))
     return np.column_stack([x, y, z])
-
-
-def _headings(boxes: Boxes3D, poses: Float64) -> Float64:
-    """Direction (N,) of the length in the ground plane of the world."""
-    pitch = np.zeros(len(boxes)) if boxes.pitch_rad is None else boxes.pitch_rad
-    with np.errstate(invalid="ignore"):
-        ahead = [np.cos(boxes.yaw_rad) * np.cos(pitch), np.sin(boxes.yaw_rad) * np.cos(pitch), -np.sin(pitch)]
-    x, y, _ = _turn(poses, np.column_stack(ahead)).T
-    return np.asarray(np.arctan2(y, x), np.float64)
 
 
 def _best(results: Objects) -> Objects:

@@ -8,6 +8,7 @@ import numpy as np
 from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.slices import Heading
 from fbench.replay.contracts.profiles import Match
+from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes, Boxes2D
 from fbench.replay.data.rig import Rig
@@ -19,15 +20,11 @@ from fbench.replay.runs.tables import BoxTable
 def objects_of(
     boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None = None, seen: Bool | None = None
 ) -> Objects:
-    """Return N boxes as objects, sorted by step and content, so that the order in which a pipeline gives them never
-    decides a match.
+    """Return N boxes, in 3D in body coordinates or in images, as objects, sorted by step and content, so that the order
+    in which a pipeline gives them never decides a match.
 
-    Args:
-        boxes: In 3D in body coordinates, or in images.
-        step: (N,) where each belongs.
-        inside: (N,) in the region of interest.
-        xyxy_px: (N, 4) outlines of 3D boxes in the step's camera [px].
-        seen: (N,) of truth: some sensor sees it.
+    `step` (N,) is where each belongs, `inside` (N,) tells what is in the region of interest, `xyxy_px` (N, 4) are
+    outlines of 3D boxes in the step's camera, and `seen` (N,) of truth is what some sensor sees.
     """
     order = np.argsort(step, kind="stable")
     boxes, n = boxes[order], len(boxes)
@@ -41,6 +38,10 @@ def objects_of(
         angles = [angle for angle in (boxes.roll_rad, boxes.pitch_rad) if angle is not None]
         sane = np.all([np.ones(n, bool), *map(np.isfinite, angles)], axis=0)
         place |= {"distance_m": np.hypot(np.hypot(x, y), z), "yaw_rad": np.where(sane, boxes.yaw_rad, np.nan)}
+    # LiDAR and radar points together; unknown where either side doesn't tell of a box.
+    points = [column for column in (boxes.num_lidar_pts, boxes.num_radar_pts) if column is not None]
+    total = sum((np.maximum(column, 0) for column in points), np.zeros(n, np.int64))
+    unknown = np.all([column < 0 for column in points], axis=0)
     objects = Objects(
         step=step[order],
         label=np.full(n, "") if boxes.label is None else boxes.label,
@@ -49,7 +50,7 @@ def objects_of(
         occlusion=boxes.occlusion,
         truncation=boxes.truncation,
         visibility=boxes.visibility,
-        num_points=_points(boxes),
+        num_points=np.where(unknown, -1, total) if points else None,
         attribute=boxes.attribute,
         sources=boxes.sources,
         ignore=boxes.ignore,
@@ -63,32 +64,18 @@ def objects_of(
 
 def of_steps(sequence: Sequence, kept: Bool) -> Sequence:
     """Return the part of a sequence at the marked steps (S,)."""
-    steps = sequence.steps
+    steps, number = sequence.steps, np.cumsum(kept) - 1
     camera = tuple(steps.camera[step] for step in np.flatnonzero(kept)) if steps.camera else ()
-    number = np.cumsum(kept) - 1
+    truth, estimates = (side[kept[side.step]] for side in (sequence.truth, sequence.estimates))
     return replace(
         sequence,
         steps=Steps(steps.frame[kept], steps.stamp_ns[kept], steps.stream[kept], camera),
-        truth=_renumbered(sequence.truth, kept, number),
-        estimates=_renumbered(sequence.estimates, kept, number),
+        truth=replace(truth, step=number[truth.step]),
+        estimates=replace(estimates, step=number[estimates.step]),
         num_unlabeled=0,
         num_invalid_truth=0,
         ego_m=None if sequence.ego_m is None else sequence.ego_m[kept],
     )
-
-
-def _points(boxes: Boxes) -> Int64 | None:
-    """LiDAR and radar points together; unknown where either side doesn't tell of a box."""
-    known = [points for points in (boxes.num_lidar_pts, boxes.num_radar_pts) if points is not None]
-    if not known:
-        return None
-    total = sum((np.maximum(points, 0) for points in known), np.zeros(len(boxes), np.int64))
-    return np.where(np.all([points < 0 for points in known], axis=0), -1, total)
-
-
-def _renumbered(objects: Objects, kept: Bool, number: Int64) -> Objects:
-    held = objects[kept[objects.step]]
-    return replace(held, step=number[held.step])
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +129,21 @@ class Labelled:
         at = np.minimum(np.searchsorted(indices[order], table.frames), len(indices) - 1)
         held = indices[order][at] == table.frames
         return order[at[held]].astype(np.int64), table.boxes[held]
+
+    def cameras(self, boxes: Boxes, kept: str = "") -> tuple[str, ...]:
+        """Cameras in whose images results are scored: those of the truth in images, else all; of results in images
+        those that the pipeline got, as in others it can find nothing. `kept` alone where it is among those of truth.
+        """
+        manifest, truth = self.run.manifest, self.run.truth_table("2d").boxes
+        names = set(manifest.rig.cameras)
+        if isinstance(truth, Boxes2D) and any("2d" in frame.truth_spaces.split() for frame in self.run.frames):
+            names = {str(name) for name in np.unique(truth.camera)} or names
+        if kept in names:
+            return (kept,)
+        if isinstance(boxes, Boxes2D):
+            sensors = manifest.rig.sensors("camera", "lidar", "radar")
+            names -= set(sensors) - set(choose_sensors(sensors, manifest.frames.sensors))
+        return tuple(sorted(names))
 
     def rigs(self, frame: Int64) -> Iterator[tuple[Rig, Bool]]:
         """Yield each rig of the log with the rows whose frames (N,) have it."""

@@ -25,8 +25,6 @@ _ORDER = (
     "range_rate_error",
 )  # fmt: skip
 
-_FIRST = ("f1", "mota")  # A metric's first row of these is in the pipeline's own space
-
 
 def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> list[Score]:
     """Return the rows of all metrics, primary rows first.
@@ -40,7 +38,8 @@ def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> lis
 
 
 def _sort_rows(rows: Sequence[Score]) -> list[Score]:
-    native = next((row.matching for row in rows if row.metric in _FIRST), "")
+    # The first row of these metrics is in the pipeline's own space.
+    native = next((row.matching for row in rows if row.metric in ("f1", "mota")), "")
     classes = list(dict.fromkeys(row.class_ for row in rows))
     slices = list(dict.fromkeys(row.slice for row in rows))
 
@@ -87,15 +86,12 @@ class RunTable:
 
     def as_part(self, part: str) -> "RunTable":
         """Return the whole of it as a slice of something larger."""
-        return replace(
-            self, detection=tuple(_as_part(self.detection, part)), tracking=tuple(_as_part(self.tracking, part))
-        )
 
+        def name(entries: tuple[Entry[S], ...]) -> tuple[Entry[S], ...]:
+            whole = (entry for entry in entries if entry.heading.slice == "all")
+            return tuple(replace(entry, heading=replace(entry.heading, slice=part)) for entry in whole)
 
-def _as_part(entries: Iterable[Entry[S]], part: str) -> Iterator[Entry[S]]:
-    for entry in entries:
-        if entry.heading.slice == "all":
-            yield Entry(replace(entry.heading, slice=part), entry.counts)
+        return replace(self, detection=name(self.detection), tracking=name(self.tracking))
 
 
 @dataclass(frozen=True)
@@ -109,49 +105,38 @@ class RunStatistics:
 
 
 def measure_run(run: Run, options: ScoreOptions, match: Match | None = None) -> RunStatistics:
-    """Measure one run; keeps nothing of it but counts.
-
-    Args:
-        run: With truth.
-        options: Which boxes count, and how they match.
-        match: Instead of how the options match, see `views`.
-
-    Raises:
-        MetricError: where an id occurs twice in one frame.
-        ConfigError: where the options ask for regions that the log hasn't.
+    """Measure one run with truth; keeps nothing of it but counts. A `match` stands instead of that of the options, see
+    `views`. Raises MetricError where an id occurs twice in one frame. Raises ConfigError where the options ask for
+    regions that the log hasn't.
     """
     manifest, shared = run.manifest, SharedRun(run.folder)
     found = detection.detection_entries(shared, options, match)
     tracked = tracking.tracking_entries(shared, options, match)
-    native = found[0].heading
-    words = {key: value for key, value in manifest.log.metadata.items() if _is_word(value)}
+    native, words = found[0].heading, manifest.log.metadata
+    # No numbers, and no texts as long as that of regions.
+    tags = {key: value for key, value in words.items() if 0 < len(value) <= _LONGEST_WORD and not _is_number(value)}
     return RunStatistics(
         (manifest.log.name, manifest.log.log_id, manifest.digest), manifest.pipeline,
-        {"log": manifest.log.name, **words},
+        {"log": manifest.log.name, **tags},
         RunTable(found, tracked, native.matching, native.num_frames, len(shared.frames)),
     )  # fmt: skip
 
 
-def _is_word(value: str) -> bool:
-    """Not a number, and not a text as long as that of regions."""
+def _is_number(value: str) -> bool:
     try:
         float(value)
     except ValueError:
-        return 0 < len(value) <= _LONGEST_WORD
-    return False
+        return False
+    return True
 
 
 def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> list[Score]:
     """Return the rows of all runs added, then those of each log, scenario, condition and other word by which they
     differ, as slices such as `condition fog`.
 
-    Args:
-        runs: Of one pipeline, in any order.
-        how: Resamples of runs for confidence intervals of all runs together; none by default.
-
-    Raises:
-        MetricError: where there is no run, runs are of several pipelines, or one is there twice.
-        ConfigError: where runs count different boxes in the pipeline's own space.
+    Runs are of one pipeline, in any order; with resamples of them, `how`, all together have confidence intervals.
+    Raises MetricError where there is no run, runs are of several pipelines, or one is there twice; ConfigError where
+    runs count different boxes in the pipeline's own space.
     """
     known = sorted(runs, key=lambda run: run.key)
     if not known:
@@ -162,7 +147,17 @@ def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) ->
     twice = [key for key, num in Counter(run.key for run in known).items() if num > 1]
     if twice:
         raise MetricError(f"the run of '{pipelines[0]}' on log '{twice[0][0]}' is there twice; give it once")
-    _require_one_matching(known)
+    # Counts of different boxes aren't added: some rigs have cameras, in whose view truth must be, others don't.
+    found: dict[str, str] = {}
+    for run in known:
+        if run.table.matching in _matchings(run):
+            found.setdefault(run.table.matching, run.tags["log"])
+    if len(found) > 1:
+        (one, first), (other, second) = list(found.items())[:2]
+        is_view = one.replace(", in view", "") == other.replace(", in view", "")
+        advice = "--all-around leaves cameras out" if is_view else "score them apart"
+        which = f"'{one}' on log '{first}', '{other}' on log '{second}'"
+        raise ConfigError(f"runs count different boxes: {which}; {advice}")
     if how is None:
         rows = reduce(add, (run.table for run in known)).rows()
     else:
@@ -173,19 +168,10 @@ def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) ->
     return rows
 
 
-def _require_one_matching(runs: Iterable[RunStatistics]) -> None:
-    """Refuse to add counts of different boxes: some rigs have cameras, in whose view truth must be, others don't."""
-    found: dict[str, str] = {}
-    for run in runs:
-        headings = (entry.heading for entry in run.table.detection)
-        if any(heading.matching == run.table.matching and not heading.reason for heading in headings):
-            found.setdefault(run.table.matching, run.tags["log"])
-    if len(found) > 1:
-        (one, first), (other, second) = list(found.items())[:2]
-        is_view = one.replace(", in view", "") == other.replace(", in view", "")
-        advice = "--all-around leaves cameras out" if is_view else "score them apart"
-        which = f"'{one}' on log '{first}', '{other}' on log '{second}'"
-        raise ConfigError(f"runs count different boxes: {which}; {advice}")
+def _matchings(run: RunStatistics) -> list[str]:
+    """How boxes match in the spaces in which a run has something to score."""
+    headings = (entry.heading for entry in run.table.detection)
+    return list(dict.fromkeys(heading.matching for heading in headings if heading.reason is None))
 
 
 def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatistics]]]:
@@ -202,13 +188,10 @@ def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatist
 
 
 def describe_gaps(runs: Sequence[RunStatistics]) -> list[str]:
-    """Say which rows only some of the runs have that are scored together, as those in images where a rig has no
-    cameras.
-    """
+    """Say which rows only some of the runs scored together have, as those in images where a rig has no cameras."""
     logs: dict[str, list[str]] = {}
     for run in runs:
-        headings = (entry.heading for entry in run.table.detection)
-        for matching in dict.fromkeys(heading.matching for heading in headings if heading.reason is None):
+        for matching in _matchings(run):
             logs.setdefault(matching, []).append(run.tags["log"])
     return [
         f"rows by '{matching}' are of {len(held)} of {len(runs)} runs only: {', '.join(held)}"
@@ -219,10 +202,9 @@ def describe_gaps(runs: Sequence[RunStatistics]) -> list[str]:
 
 def resample(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics: Sequence[str]) -> list[Score]:
     """Return the rows of all tables added, those of these metrics about all boxes of a class with intervals."""
-    # Curves would take long to resample.
-    no_curve = DetectionCounts().ranking
+    no_curve = DetectionCounts().ranking  # Curves would take long to resample.
     bare = {
-        name: [Entry(entry.heading, replace(entry.counts, ranking=no_curve)) for entry in table.detection]
+        name: [replace(entry, counts=replace(entry.counts, ranking=no_curve)) for entry in table.detection]
         for name, table in tables.items()
     }
     tracks = {name: table.tracking for name, table in tables.items()}
@@ -234,21 +216,15 @@ def resample(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics:
 
 
 def _resample_entries(
-    tables: Mapping[str, Sequence[Entry[S]]],
-    rows_of: Callable[[Entry[S]], list[Score]],
-    nothing: S,
-    how: Bootstrap,
-    unit: str,
-    metrics: Sequence[str],
-) -> Iterator[Score]:
+    tables: Mapping[str, Sequence[Entry[S]]], rows_of: Callable[[Entry[S]], list[Score]], nothing: S, how: Bootstrap,
+    unit: str, metrics: Sequence[str],
+) -> Iterator[Score]:  # fmt: skip
     """Yield the rows of each class and space with intervals; a unit that lacks a class has nothing of it."""
     for total in add_entries(tables[name] for name in sorted(tables)):
         if total.heading.slice != "all" or total.heading.reason is not None:
             continue
-        units = {
-            name: next((entry.counts for entry in table if entry.key == total.key), nothing)
-            for name, table in tables.items()
-        }
+        own = {name: {entry.key: entry.counts for entry in table} for name, table in tables.items()}
+        units = {name: counts.get(total.key, nothing) for name, counts in own.items()}
 
         def rows(counts: S, total: Entry[S] = total) -> list[Score]:
             return rows_of(Entry(total.heading, counts))

@@ -3,24 +3,11 @@
 from collections.abc import Iterator
 from collections.abc import Sequence as Sequence_of_abc
 
-from fbench.metrics.core.slices import (
-    VEHICLE,
-    VISIBILITY_SLICES,
-    Entry,
-    Part,
-    by_range,
-    by_seen,
-    by_source,
-    by_visibility,
-)
+from fbench.metrics.core import slices
+from fbench.metrics.core.slices import VEHICLE, VISIBILITY_SLICES, Entry, Part
+from fbench.metrics.detection import scores
 from fbench.metrics.detection.outcomes import compare_class, judge_detections
-from fbench.metrics.detection.scores import (
-    DetectionCounts,
-    curve_rows,
-    detection_counts,
-    detection_rows,
-    deviation_rows,
-)
+from fbench.metrics.detection.scores import DetectionCounts
 from fbench.metrics.runs.places import ground_points, has_poses, regions_of
 from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.replay.contracts.profiles import Match
@@ -54,18 +41,19 @@ def detection_entries(
     of `match`, see `views`.
     """
     spaces = views(run, run.detections, options, match)
-    entries, native = measure_classes(spaces, run.detections, detection_counts, DetectionCounts()), spaces[0]
+    entries, native = measure_classes(spaces, run.detections, scores.detection_counts, DetectionCounts()), spaces[0]
     if native.reason:
         return entries
     sequence = native.sequence
     whole = compare_class(sequence, VEHICLE, native.match)
-    parts = [] if options.seen else [*by_seen(sequence)]
-    parts += [*by_range(sequence, options.range_m), *by_visibility(sequence), *by_source(sequence)]
-    slices = (
+    parts = [] if options.seen else [*slices.by_seen(sequence)]
+    parts += [*slices.by_range(sequence, options.range_m), *slices.by_visibility(sequence)]
+    parts += [*slices.by_source(sequence), *_by_region(run, sequence)]
+    own = (
         Entry(native.heading(VEHICLE.name, part.name), DetectionCounts(judge_detections(whole.select(part)).counts))
-        for part in (*parts, *_by_region(run, sequence))
+        for part in parts
     )
-    return *entries, *slices
+    return *entries, *own
 
 
 def _by_region(run: Run, sequence: Sequence) -> Iterator[Part]:
@@ -83,13 +71,13 @@ def _by_region(run: Run, sequence: Sequence) -> Iterator[Part]:
 
 def rows_of(entry: Entry[DetectionCounts]) -> list[Score]:
     """Return the rows of one entry; what depends on scores and distances only of the whole."""
-    rows = detection_rows(entry.counts, entry.heading)
+    rows = scores.detection_rows(entry.counts, entry.heading)
     if entry.heading.slice != "all":
         # A false alarm has no visibility, so neither precision nor F1 means anything there.
         return [row for row in rows if row.metric == "recall" or row.slice not in VISIBILITY_SLICES]
-    rows += curve_rows(entry.counts, entry.heading)
+    rows += scores.curve_rows(entry.counts, entry.heading)
     if entry.heading.matching.startswith("iou "):
-        rows += deviation_rows(entry.counts, entry.heading)
+        rows += scores.deviation_rows(entry.counts, entry.heading)
     return rows
 
 

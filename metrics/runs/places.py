@@ -51,21 +51,13 @@ def find_seen(labeled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOpt
     images shows and doesn't ignore; where no image has truth, that of which at least `SHOWN_FROM` is visible. A box
     counts as seen unless every kind of sensor that the rig has tells that it doesn't see it.
 
-    Args:
-        labeled: The run's frames with 3D truth.
-        frame: (N,) which of these frames each box belongs to.
-        truth: The boxes.
-        options: How many points it takes.
-
-    Raises:
-        ConfigError: where only what is seen is to be scored, and truth doesn't tell.
+    `frame` (N,) is which of the run's frames with 3D truth each box belongs to. Raises ConfigError where only what is
+    seen is to be scored, and truth doesn't tell.
     """
-    num = max(options.seen, 1)
-    answers = {
-        "camera": _in_images(labeled, frame, truth),
-        "lidar": _by_points(truth.num_lidar_pts, len(truth), num),
-        "radar": _by_points(truth.num_radar_pts, len(truth), num),
-    }
+    answers = {"camera": _in_images(labeled, frame, truth)}
+    for kind, points in (("lidar", truth.num_lidar_pts), ("radar", truth.num_radar_pts)):
+        known = np.full(len(truth), -1) if points is None else points
+        answers[kind] = _answers(known >= max(options.seen, 1), known >= 0)
     found, is_told = np.full(len(truth), _UNTOLD, np.int8), True
     for rig, rows in labeled.rigs(frame):
         kinds = {mount.kind for mount in rig.mounts.values()}
@@ -85,11 +77,6 @@ def find_seen(labeled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOpt
 def _answers(seen: Bool, unseen: Bool) -> Array:
     """What a kind of sensor tells of each box (N,)."""
     return np.select([seen, unseen], [_SEEN, _UNSEEN], _UNTOLD).astype(np.int8)
-
-
-def _by_points(points: Int64 | None, num_boxes: int, at_least: int) -> Array:
-    known = np.full(num_boxes, -1) if points is None else points
-    return _answers(known >= at_least, known >= 0)
 
 
 def _in_images(labeled: Labelled, frame: Int64, truth: Boxes3D) -> Array:
@@ -145,7 +132,7 @@ def on_ground(run: Run, kinds: Sequence[str], frame: Int64, center_m: Float64) -
         if kind not in known:
             raise ConfigError(f"log '{run.manifest.log.name}' has no region '{kind}'{did_you_mean(kind, known)}")
     if not has_poses(run):
-        raise ConfigError(f"log '{run.manifest.log.name}' doesn't tell where the body was, so that its regions can't "
-                          "be used; score without --region")  # fmt: skip
+        why = "doesn't tell where the body was, so that its regions can't be used; score without --region"
+        raise ConfigError(f"log '{run.manifest.log.name}' {why}")
     chosen = [region for region in regions if region.kind in kinds]
     return np.asarray(inside(chosen, ground_points(run, frame, center_m)), bool)

@@ -7,22 +7,14 @@ import numpy as np
 
 from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.metrics.detection.scores import DetectionCounts, detection_counts
+from fbench.metrics.runs import combine
 from fbench.metrics.runs.columns import View, of_steps
-from fbench.metrics.runs.combine import (
-    OF_TRACKS,
-    RATES,
-    RunTable,
-    combine_runs,
-    copy_intervals,
-    describe_gaps,
-    measure_run,
-    resample,
-)
+from fbench.metrics.runs.combine import OF_TRACKS, RATES, RunTable
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.metrics.tracking.scores import TrackingCounts, tracking_counts
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.arrays import Int64
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
 
@@ -58,7 +50,11 @@ def cut_run(run: Run, least: int) -> Pieces | str:
     segments, number = np.unique(segment, return_inverse=True)
     if len(segments) >= least:
         return Pieces(index, number.astype(np.int64), "segments", cuts_tracks=False)
-    elapsed_s, duration_s = _elapsed(segment, stamp_ns)
+    # Time of each frame since the first, without the pauses between segments, and of all frames together.
+    step_s, within = np.diff(stamp_ns) * 1e-9, np.diff(segment) == 0
+    usual = float(np.median(step_s[within])) if within.any() else 0.0
+    elapsed_s = np.cumsum(np.append(0.0, np.where(within, np.maximum(step_s, 0.0), usual)))
+    duration_s = float(elapsed_s[-1]) + usual if len(segment) > 1 else 0.0
     num = min(int(duration_s / LEAST_S / (1 - _SLACK)), MOST)
     if num < least:
         held = "1 segment" if len(segments) == 1 else f"{len(segments)} segments"
@@ -67,23 +63,12 @@ def cut_run(run: Run, least: int) -> Pieces | str:
     return Pieces(index, piece, f"stretches of {duration_s / num:.3g} s", cuts_tracks=True)
 
 
-def _elapsed(segment: Int64, stamp_ns: Int64) -> tuple[Float64, float]:
-    """Time (F,) [s] of each frame since the first, without the pauses between segments, and of all frames together."""
-    if len(segment) < 2:
-        return np.zeros(len(segment)), 0.0
-    step_s = np.diff(stamp_ns) * 1e-9
-    within = np.diff(segment) == 0
-    usual = float(np.median(step_s[within])) if within.any() else 0.0
-    elapsed = np.concatenate([[0.0], np.cumsum(np.where(within, np.maximum(step_s, 0.0), usual))])
-    return elapsed, float(elapsed[-1]) + usual
-
-
 def intervals_of_run(
     run: Run, options: ScoreOptions, rows: list[Score], how: Bootstrap, match: Match | None = None
 ) -> list[Score]:
     """Return the rows of a run, those about all boxes of a class with intervals where they have a number.
 
-    Segments are resample; a run of fewer than `LEAST_UNITS` is cut into equal stretches of at least 1 s instead. That
+    Segments are resampled; a run of fewer than `LEAST_UNITS` is cut into equal stretches of at least 1 s instead. That
     cuts tracks too, so only what depends on single steps gets an interval then: precision, recall, F1, MOTA and MOTP,
     but not IDF1 or HOTA. (A switch just at a cut is not seen in resamples; MOTA itself counts it.) Raises MetricError
     where an id occurs twice in one frame.
@@ -105,7 +90,7 @@ def intervals_of_run(
         for number, (found, tracked) in enumerate(zip(detections, tracks, strict=True))
     }  # fmt: skip
     metrics = RATES if cut.cuts_tracks else (*RATES, *OF_TRACKS)
-    rows = copy_intervals(resample(tables, how, cut.unit, metrics), rows)
+    rows = combine.copy_intervals(combine.resample(tables, how, cut.unit, metrics), rows)
     return [_say(row, f"{cut.unit} cut tracks", OF_TRACKS) for row in rows] if cut.cuts_tracks else rows
 
 
@@ -115,23 +100,16 @@ def _say(row: Score, why: str, metrics: Sequence[str]) -> Score:
     return replace(row, interval=why)
 
 
-_OPTIONS = ScoreOptions()
-
-
 def own_rows(runs: Sequence[Run], match: Match | None, how: Bootstrap | None) -> tuple[list[Score], list[str]]:
     """Return the rows that runs have in their own `scores.json`, or together, and what there is to say of them.
 
-    Args:
-        runs: Of one pipeline, with truth.
-        match: Instead of how fbench matches; the region of interest stays.
-        how: Resamples for confidence intervals; none by default.
-
-    Raises:
-        MetricError: where the match needs 3D boxes and the results are in images, or an id is twice in a frame (GT003).
-        ConfigError: where runs count different boxes.
+    Runs are of one pipeline, with truth; a `match` stands instead of how fbench matches, the region of interest stays;
+    with resamples, `how`, there are confidence intervals. Raises MetricError where the match needs 3D boxes and the
+    results are in images, or an id is twice in a frame (GT003); ConfigError where runs count different boxes.
     """
-    measured = [measure_run(run, _OPTIONS, match) for run in runs]
+    options = ScoreOptions()
+    measured = [combine.measure_run(run, options, match) for run in runs]
     if len(measured) > 1:
-        return combine_runs(measured, how), describe_gaps(measured)
+        return combine.combine_runs(measured, how), combine.describe_gaps(measured)
     rows = measured[0].table.rows()
-    return rows if how is None else intervals_of_run(runs[0], _OPTIONS, rows, how, match), []
+    return rows if how is None else intervals_of_run(runs[0], options, rows, how, match), []

@@ -7,12 +7,11 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.slices import VEHICLE, Entry, Group, label_group
+from fbench.metrics.core.slices import VEHICLE, Entry, Group, find_labels, label_group
 from fbench.metrics.runs.columns import Labelled, View, objects_of
 from fbench.metrics.runs.places import find_seen, on_ground, once
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match, Statistics
-from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import LABELS, Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.rig import Rig
@@ -37,7 +36,7 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
         if not isinstance(boxes, Boxes3D):
             raise MetricError("2D boxes can't be scored in 3D")
         centers = np.where(finite(boxes)[0][:, None], boxes.center_m, 0.0)
-        inside = _within(centers, options.range_m)
+        inside = np.asarray(np.hypot(centers[:, 0], centers[:, 1]) <= options.range_m)
         for rig, rows in labeled.rigs(frame) if options.in_view else ():
             if cameras := _modeled_cameras(rig):
                 inside[rows] &= np.any([_in_view(rig, name, centers[rows]) for name in cameras], axis=0)
@@ -70,11 +69,6 @@ def _modeled_cameras(rig: Rig) -> list[str]:
     return [name for name, camera in sorted(rig.cameras.items()) if not_projectable(camera) is None]
 
 
-def _within(centers: Float64, range_m: float) -> Bool:
-    """Which points (N, 3) in body coordinates are at most `range_m` from the body's origin in the ground plane."""
-    return np.asarray(np.hypot(centers[:, 0], centers[:, 1]) <= range_m)
-
-
 def _in_view(rig: Rig, camera: str, centers: Float64) -> Bool:
     """Which points (N, 3) in body coordinates project into the image of a camera."""
     return in_image(rig.cameras[camera], project_body(rig, camera, centers)[0])
@@ -94,18 +88,35 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
 
     A pipeline that works in images is judged in those of the cameras that it got.
     """
-    images = _Images.of(run, table, options)
-    labeled = images.labeled
-    reason = images.reason or (None if labeled.frames else "no truth")
+    derived = not any("2d" in frame.truth_spaces.split() for frame in run.frames)
+    space: Literal["2d", "3d"] = "3d" if derived else "2d"
+    labeled, recorded = Labelled.of(run, space), run.truth_table("2d").boxes
+    ranged = derived
+    if not derived and isinstance(recorded, Boxes2D):
+        ranged = recorded.distance_m is not None and bool(np.isfinite(recorded.distance_m).any())
+    images = _Images(labeled, options, labeled.cameras(table.boxes), derived, ranged)
+    near = f", within {options.range_m:g} m" if ranged else ""
+    view = ", in view" if derived and options.in_view else ""
+    from_3d = ", truth projected from 3D" if derived else ""
+    matching = f"iou {options.iou:g}{from_3d}{near}{view}{_limits(options, derived)}"
+
+    reason, known = None if labeled.frames else "no truth", run.manifest.rig.cameras
+    bent = [name for name in images.cameras if name in known and not_projectable(known[name]) is not None]
+    if not images.cameras:
+        reason = "no cameras"
+    elif options.regions and not derived:
+        reason = "boxes of truth in images have no place in a region"
+    elif bent and (derived or isinstance(table.boxes, Boxes3D)):
+        reason = f"lens distortion of '{bent[0]}' isn't modeled"
     if reason is None:
-        key = ("truth in images", images.cameras, images.derived, options)
-        truth, num_invalid = once(run, key, lambda: _truth(labeled, images.space, options, images.place))
+        key = ("truth in images", images.cameras, derived, options)
+        truth, num_invalid = once(run, key, lambda: _truth(labeled, space, options, images.place))
         estimates, steps = images.place(*labeled.rows(table)), labeled.steps(images.cameras)
     else:
         truth = estimates = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
         steps, num_invalid = Steps.of_one_stream(0), 0
     sequence = Sequence(run.manifest.log.name, steps, truth, estimates, labeled.num_unlabeled, num_invalid)
-    return View(Match("iou2d", options.iou), images.matching, sequence, len(run.frames), reason)
+    return View(Match("iou2d", options.iou), matching, sequence, len(run.frames), reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,47 +128,6 @@ class _Images:
     cameras: tuple[str, ...]
     derived: bool  # Whether truth is 3D truth, projected
     ranged: bool  # Whether the distance of truth is known; where it isn't, boxes of any distance count
-    projects: bool  # Whether truth or estimates are 3D and must be projected
-
-    @classmethod
-    def of(cls, run: Run, table: BoxTable, options: ScoreOptions) -> "_Images":
-        rig = run.manifest.rig
-        derived = not any("2d" in frame.truth_spaces.split() for frame in run.frames)
-        recorded = run.truth_table("2d").boxes
-        cameras, ranged = set(rig.cameras), derived
-        if not derived and isinstance(recorded, Boxes2D):
-            cameras = {str(name) for name in np.unique(recorded.camera)} or cameras
-            ranged = recorded.distance_m is not None and bool(np.isfinite(recorded.distance_m).any())
-        if isinstance(table.boxes, Boxes2D):  # in images that it didn't get a pipeline can find nothing
-            names = rig.sensors("camera", "lidar", "radar")
-            cameras -= set(names) - set(choose_sensors(names, run.manifest.frames.sensors))
-        labeled = Labelled.of(run, "3d" if derived else "2d")
-        projects = derived or isinstance(table.boxes, Boxes3D)
-        return cls(labeled, options, tuple(sorted(cameras)), derived, ranged, projects)
-
-    @property
-    def space(self) -> Literal["2d", "3d"]:
-        """Which truth is used."""
-        return "3d" if self.derived else "2d"
-
-    @property
-    def reason(self) -> str | None:
-        """Why nothing can be scored here."""
-        if not self.cameras:
-            return "no cameras"
-        if self.options.regions and not self.derived:
-            return "boxes of truth in images have no place in a region"
-        known = self.labeled.run.manifest.rig.cameras
-        bent = [name for name in self.cameras if name in known and not_projectable(known[name]) is not None]
-        return f"lens distortion of '{bent[0]}' isn't modeled" if self.projects and bent else None
-
-    @property
-    def matching(self) -> str:
-        """How boxes match and which of them count."""
-        derived = ", truth projected from 3D" if self.derived else ""
-        near = f", within {self.options.range_m:g} m" if self.ranged else ""
-        view = ", in view" if self.derived and self.options.in_view else ""
-        return f"iou {self.options.iou:g}{derived}{near}{view}{_limits(self.options, self.derived)}"
 
     def place(self, frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
         """Boxes of these frames (N,) in each camera; of truth, which of them some sensor sees."""
@@ -185,7 +155,7 @@ class _Images:
             outline[good], seen[good] = project_boxes(rig, name, boxes[good])
             centers = np.where(sane[rows, None], boxes.center_m[rows], 0.0)
             if self.ranged:
-                inside[rows] &= _within(centers, options.range_m)
+                inside[rows] &= np.hypot(centers[:, 0], centers[:, 1]) <= options.range_m
             if self.derived and options.in_view:
                 inside[rows] &= _in_view(rig, name, centers)
             if options.regions:
@@ -196,16 +166,9 @@ class _Images:
 
 
 def views(run: Run, table: BoxTable, options: ScoreOptions, match: Match | None = None) -> tuple[View, ...]:
-    """Return the native view of a run first: 3D runs are scored in 3D and, projected, in the image.
-
-    Args:
-        run: With truth.
-        table: Its detections or tracks.
-        options: Which boxes count, and how they match.
-        match: Instead of how the options match; then there is one view, in the image or not, as it needs.
-
-    Raises:
-        MetricError: where the match needs 3D boxes, and the results are in images.
+    """Return the native view of a run's detections or tracks first: 3D runs are scored in 3D and, projected, in the
+    image. Which boxes count, and how they match, is as the options say; with a `match` instead there is one view, in
+    the image or not, as it needs. Raises MetricError where that needs 3D boxes, and the results are in images.
     """
     if match is not None:
         flat = match.likeness == "iou2d"
@@ -225,9 +188,7 @@ def measure_classes(
     """
     classes = [(view, VEHICLE) for view in spaces]
     if table.boxes.label is not None:
-        truth, estimates = spaces[0].sequence.truth, spaces[0].sequence.estimates
-        asked = truth.label if truth.ignore is None else truth.label[~truth.ignore]
-        met = {*np.unique(asked).tolist(), *np.unique(estimates.label).tolist()}
+        met = find_labels(spaces[0].sequence.truth, spaces[0].sequence.estimates)
         classes += [(spaces[0], label_group(label)) for label in LABELS if label in met]
     return tuple(
         Entry(view.heading(group.name), nothing if view.reason else measure(view.sequence, group, view.match))

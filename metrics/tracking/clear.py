@@ -9,7 +9,7 @@ import numpy as np
 from fbench.metrics.core.exact import Counts, exact_sum
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.tracking.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
-from fbench.replay.data.arrays import Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Int64, freeze_fields
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,9 @@ def clear_counts(problem: Problem, rules: ClearRules, pairs: ClearPairs | None =
     share = np.bincount(problem.truth_id[rows], minlength=len(size)) / size
     is_tracked = share >= rules.tracked_share if rules.tracked_inclusive else share > rules.tracked_share
     tracked, lost = int(is_tracked.sum()), int((share < rules.lost_share).sum())
+    step = np.searchsorted(problem.truth_start, rows, side="right") - 1
+    width = problem.estimate_start[step + 1] - problem.estimate_start[step]
+    i, j = rows - problem.truth_start[step], made.estimate_of[rows] - problem.estimate_start[step]
     return ClearCounts(
         tp=tp,
         fn=num_truth - tp,
@@ -126,13 +129,5 @@ def clear_counts(problem: Problem, rules: ClearRules, pairs: ClearPairs | None =
         transfers=made.count(TRANSFER),
         ascends=made.count(ASCEND),
         migrations=made.count(MIGRATE),
-        similarity=exact_sum(similarities(problem, rows, made.estimate_of[rows])),
+        similarity=exact_sum(problem.similarity[problem.block_start[step] + i * width + j]),
     )
-
-
-def similarities(problem: Problem, truth: Int64, estimate: Int64) -> Float64:
-    """Return the similarity (K,) of pairs of a truth row and an estimate row of the same step."""
-    step = np.searchsorted(problem.truth_start, truth, side="right") - 1
-    width = problem.estimate_start[step + 1] - problem.estimate_start[step]
-    i, j = truth - problem.truth_start[step], estimate - problem.estimate_start[step]
-    return np.asarray(problem.similarity[problem.block_start[step] + i * width + j])

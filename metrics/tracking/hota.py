@@ -8,7 +8,6 @@ import numpy as np
 from fbench.metrics.core.exact import Counts, exact_sums, fractions
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.tracking.identity import near_pairs
-from fbench.replay.data.arrays import Float64, Int64
 
 ALPHAS = np.arange(0.05, 0.99, 0.05)  # (19,) 0.05 to 0.95
 ALPHAS.flags.writeable = False
@@ -53,22 +52,8 @@ def hota_counts(problem: Problem) -> HotaCounts:
     score[near.place] = fit[near.track_pair_of] * similarity
     made = best_places(*p.starts, score, 0.0, 0.0)
     made = made[made >= 0]
-    track_pair = near.track_pair_of[np.searchsorted(near.place, made)]
-    return _sum_up(p, track_pair, p.similarity[made], truth_size, estimate_size)
-
-
-def _sum_up(
-    problem: Problem, track_pair: Int64, similarity: Float64, truth_size: Int64, estimate_size: Int64
-) -> HotaCounts:
-    """Sum up K matches; those that pass k thresholds pass all below.
-
-    Args:
-        problem: They are of it.
-        track_pair: (K,) which of P pairs of tracks.
-        similarity: (K,)
-        truth_size: (P,) boxes of the pair's truth track.
-        estimate_size: (P,)
-    """
+    track_pair, similarity = near.track_pair_of[np.searchsorted(near.place, made)], p.similarity[made]  # (K,) matches
+    # Those that pass k thresholds pass all below.
     num = len(ALPHAS) + 1
     passed = np.searchsorted(ALPHAS - _TINY, similarity, side="right")
     used, pair = np.unique(track_pair, return_inverse=True)
@@ -81,6 +66,5 @@ def _sum_up(
     own, other = truth_size[used][pair], estimate_size[used][pair]
     association = (fractions(exact_sums(c * (c / size), alpha, len(ALPHAS))) for size in (own + other - c, own, other))
     return HotaCounts(
-        tp, tuple(problem.num_truth - n for n in tp), tuple(problem.num_estimates - n for n in tp), fractions(total),
-        *association,
-    )  # fmt: skip
+        tp, tuple(p.num_truth - n for n in tp), tuple(p.num_estimates - n for n in tp), fractions(total), *association
+    )

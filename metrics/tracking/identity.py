@@ -44,9 +44,7 @@ class IdentityCounts(Counts):
 def identity_counts(problem: Problem, floor: float) -> IdentityCounts:
     """Pair tracks one to one such that false positives and misses together are the fewest.
 
-    Args:
-        problem: Boxes of one class.
-        floor: Similarity that two boxes need to count as the same.
+    Two boxes need a similarity of `floor` to count as the same.
     """
     p = problem
     if not (p.num_truth and p.num_estimates):

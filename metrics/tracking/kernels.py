@@ -24,14 +24,11 @@ def follow(  # noqa: C901  # apart it compiles twice as long
 ) -> None:  # fmt: skip
     """Fill in the estimate of each truth box (N,), and what the match is besides (N,); misses stay as they are.
 
+    Offsets of steps are (S + 1,), `similarity` is (B,), `stream` (S,), `truth_id` (N,) and `estimate_id` (M,). For own
+    use are `tracks` (truth tracks, MEMORY), `others` (estimated tracks, MEMORY) and `last_step` (streams,), all -1;
+    `partner` (N,) is all -1 and `event` (N,) all 0.
+
     Args:
-        truth_start: (S + 1,)
-        estimate_start: (S + 1,)
-        block_start: (S + 1,)
-        similarity: (B,)
-        stream: (S,)
-        truth_id: (N,)
-        estimate_id: (M,)
         floor: Similarity that a pair needs.
         offset: Added to a pair's similarity before the best sum is looked for.
         remember_last: A truth track's last match is remembered, after any gap; else only that of the previous step
@@ -40,11 +37,6 @@ def follow(  # noqa: C901  # apart it compiles twice as long
         most_pairs: As many pairs as possible, then the best sum; else the best sum alone.
         own_frames: A truth track is interrupted by a frame of its own without match; else by any step without match
             that counts for the memory.
-        tracks: (truth tracks, MEMORY) all -1, for own use.
-        others: (estimated tracks, MEMORY) all -1, for own use.
-        last_step: (streams,) all -1, for own use.
-        partner: (N,) all -1.
-        event: (N,) all 0.
     """
     bonus = 0.0 if settle_first else CONTINUITY
     for step in range(len(stream)):
@@ -105,10 +97,7 @@ def follow(  # noqa: C901  # apart it compiles twice as long
 def link_groups(row: Int64, column: Int64, parent: Int64) -> Int64:
     """Return the group (P,) of each pair, from 0: pairs that share a row or column, also by way of others, are in one.
 
-    Args:
-        row: (P,)
-        column: (P,) numbered on from the rows.
-        parent: (rows and columns,) each its own, for own use.
+    `column` (P,) is numbered on from the rows (P,); `parent` (rows and columns,) is each its own, for own use.
     """
     for k in range(len(row)):
         a, b = row[k], column[k]

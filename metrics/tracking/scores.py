@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fbench.metrics.core.exact import Counts
+from fbench.metrics.core.ordering import find_twice, number_tracks
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.similarity import block_starts
 from fbench.metrics.core.slices import Group, Heading, Part
 from fbench.metrics.detection.outcomes import BoxCounts, Judgement, Outcome, compare_class, judge_tracks
 from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
@@ -67,31 +67,23 @@ def follow_tracks(sequence: Sequence, group: Group, match: Match, part: Part | N
 
 
 def _clear_rules(match: Match) -> ClearRules:
-    """A pair of the previous step stays while it is inside the threshold; the rest is matched for most pairs, then best
-    total.
-    """
+    """A pair of the previous step stays while inside the threshold; the rest: most pairs, then best total."""
     offset = match.threshold if match.is_distance else 0.0
     return ClearRules(floor=match.floor, margin=0.0, offset=offset, settle_first=True, most_pairs=True)
 
 
 def _follow(judgement: Judgement) -> Followed:
     candidates, used = judgement.candidates, judgement.used
-    steps, truth, estimates = candidates.sequence.steps, candidates.truth, candidates.estimates[used]
-    truth_start, estimate_start = truth.starts(len(steps)), estimates.starts(len(steps))
+    truth, estimates, steps = candidates.truth, candidates.estimates[used], candidates.sequence.steps
+    pairs = candidates.similarity.select(np.ones(len(truth), bool), used)
+    # Those without an id are tracks of their own.
+    alone = (np.where(o.track_id < 0, np.arange(len(o)) - len(o), o.track_id) for o in (truth, estimates))
+    truth_id, estimate_id = map(number_tracks, alone, (steps.stream[truth.step], steps.stream[estimates.step]))
     problem = Problem(
-        truth_start, estimate_start, block_starts(truth_start, estimate_start),
-        candidates.similarity.values[used[candidates.similarity.pairs[1]]], steps.stream,
-        _number_tracks(truth.track_id, steps.stream[truth.step]),
-        _number_tracks(estimates.track_id, steps.stream[estimates.step]), estimates.score, candidates.truth_row,
-        candidates.estimate_row[used],
+        pairs.row_start, pairs.column_start, pairs.start, pairs.values, steps.stream, truth_id, estimate_id,
+        estimates.score, candidates.truth_row, candidates.estimate_row[used],
     )  # fmt: skip
     return Followed(judgement, problem, clear_pairs(problem, _clear_rules(candidates.match)))
-
-
-def _number_tracks(ids: Int64, stream: Int64) -> Int64:
-    """Number tracks from 0 on; an id in two streams is two tracks, a box without id one of its own."""
-    alone = np.where(ids < 0, np.arange(len(ids)), -1)
-    return np.unique(np.column_stack([stream, ids, alone]), axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> TrackingCounts:
@@ -132,78 +124,53 @@ def require_unique_ids(sequence: Sequence, where: str = "") -> None:
     Raises MetricError naming frame and id (fault GT003).
     """
     for what, objects in (("truth", sequence.truth), ("tracks", sequence.estimates)):
-        named = objects.track_id >= 0
-        both = np.column_stack([objects.step[named], objects.track_id[named]])
-        pairs, times = np.unique(both, axis=0, return_counts=True)
-        if (times > 1).any():
-            step, twice = pairs[times > 1][0].tolist()
-            steps = sequence.steps
+        named, steps = np.flatnonzero(objects.track_id >= 0), sequence.steps
+        if (row := find_twice(objects.step[named], objects.track_id[named])) is not None:
+            step = objects.step[named[row]]
             image = f", camera {steps.camera[step]}" if steps.camera else ""
             raise MetricError(
-                f"{where or sequence.name}: frame {steps.frame[step]}{image}: {what} has id {twice} twice; "
-                "an id names one object of a frame",
+                f"{where or sequence.name}: frame {steps.frame[step]}{image}: {what} has id "
+                f"{objects.track_id[named[row]]} twice; an id names one object of a frame",
                 "GT003",
             )
 
 
 def tracking_rows(n: TrackingCounts, head: Heading, unit: str) -> list[Score]:
-    """Return the rows of one class, MOTA first.
+    """Return the rows of one class, MOTA first, those of HOTA as means over its 19 thresholds.
 
-    Args:
-        n: What was counted.
-        head: What it is of.
-        unit: Of MOTP: `m` where boxes match by distance, else `iou`.
+    `unit` is that of MOTP: `m` where boxes match by distance, else `iou`.
     """
-    nothing = head.reason or (None if n.boxes.gt else "no truth boxes")
-    undefined = nothing
+    boxes, clear, i, h = n.boxes, n.clear, n.identity, n.hota
+    nothing = undefined = head.reason or (None if boxes.gt else "no truth boxes")
     if nothing is None and not n.num_truth_ids:
         undefined = "truth has no track ids"
     elif nothing is None and n.num_estimates and not n.num_estimate_ids:
         undefined = "tracks have no ids"
-    rows = [*_clear_rows(n, head, nothing, undefined, unit), *_identity_rows(n.identity, head, undefined)]
-    return [*rows, *_hota_rows(n.hota, head, undefined), *survival_rows(n.survival, head, undefined)]
-
-
-def _clear_rows(n: TrackingCounts, head: Heading, nothing: str | None, undefined: str | None, unit: str) -> list[Score]:
-    boxes, clear = n.boxes, n.clear
+    why, gt, found = undefined or "", 0 if undefined else boxes.gt, boxes.gt - boxes.fn - clear.switches
     counts = {**boxes.as_dict(), "gt": boxes.gt, "idsw": clear.switches, "frames": head.num_frames}
-    gt, why = (0 if undefined else boxes.gt), undefined or ""
-    found = boxes.gt - boxes.fn - clear.switches
     similarity = float(clear.similarity)
-    total = abs(similarity) if unit == "m" else similarity
-    with_sum = {**counts, "similarity_sum": similarity}
+    total, with_sum = abs(similarity) if unit == "m" else similarity, {**counts, "similarity_sum": similarity}
     lives = {"mt": clear.mostly_tracked, "pt": clear.partly_tracked, "ml": clear.mostly_lost}
+    of_lives = {**lives, "tracks": clear.num_tracks}
+
+    of_ids = {"idtp": i.tp, "idfp": i.fp, "idfn": i.fn}
+    bottoms = {"idf1": i.tp + i.fp / 2 + i.fn / 2, "idp": i.tp + i.fp, "idr": i.tp + i.fn}
+
+    of_hota = {"gt": h.tp[0] + h.fn[0], "estimates": h.tp[0] + h.fp[0], "tp_sum": sum(h.tp)}
+    det = [float(t / (t + fn + fp)) if t + fn + fp else 0.0 for t, fn, fp in zip(h.tp, h.fn, h.fp, strict=True)]
+    ass = [float(a / t) if t else 0.0 for a, t in zip(h.ass_a, h.tp, strict=True)]
+    loc = [float(s / t) for s, t in zip(h.similarity, h.tp, strict=True) if t]
+    means = {"hota": [(d * a) ** 0.5 for d, a in zip(det, ass, strict=True)], "deta": det, "assa": ass}
+    loca, no_loca = (sum(loc) / len(loc), undefined or "") if loc else (None, undefined or "no matches")
     return [
         head.ratio("mota", found - boxes.fp, gt, why, counts),
         head.ratio("mota_no_fp", found, gt, why, counts),
         head.ratio("motp", total, boxes.tp, nothing or "no matches", with_sum, unit),
         head.score("idsw", float(clear.switches), undefined, counts),
         head.score("frag", float(clear.fragmentations), undefined, {"frag": clear.fragmentations}),
-        *(
-            head.score(name, float(num), undefined, {**lives, "tracks": clear.num_tracks})
-            for name, num in lives.items()
-        ),
-    ]
-
-
-def _identity_rows(n: IdentityCounts, head: Heading, undefined: str | None) -> list[Score]:
-    counts = {"idtp": n.tp, "idfp": n.fp, "idfn": n.fn}
-    bottoms = {"idf1": n.tp + n.fp / 2 + n.fn / 2, "idp": n.tp + n.fp, "idr": n.tp + n.fn}
-    return [
-        head.ratio(name, n.tp, 0 if undefined else bottom, undefined or "no tracks", counts)
-        for name, bottom in bottoms.items()
-    ]
-
-
-def _hota_rows(n: HotaCounts, head: Heading, undefined: str | None) -> list[Score]:
-    """Means over the 19 thresholds."""
-    counts = {"gt": n.tp[0] + n.fn[0], "estimates": n.tp[0] + n.fp[0], "tp_sum": sum(n.tp)}
-    det = [float(t / (t + fn + fp)) if t + fn + fp else 0.0 for t, fn, fp in zip(n.tp, n.fn, n.fp, strict=True)]
-    ass = [float(a / t) if t else 0.0 for a, t in zip(n.ass_a, n.tp, strict=True)]
-    loc = [float(s / t) for s, t in zip(n.similarity, n.tp, strict=True) if t]
-    hota = [(d * a) ** 0.5 for d, a in zip(det, ass, strict=True)]
-    means = {"hota": hota, "deta": det, "assa": ass}
-    return [
-        *(head.score(name, sum(values) / len(values), undefined, counts) for name, values in means.items()),
-        head.score("loca", sum(loc) / len(loc) if loc else None, undefined or ("" if loc else "no matches"), counts),
+        *(head.score(name, float(num), undefined, of_lives) for name, num in lives.items()),
+        *(head.ratio(m, i.tp, 0 if undefined else own, undefined or "no tracks", of_ids) for m, own in bottoms.items()),
+        *(head.score(name, sum(own) / len(own), undefined, of_hota) for name, own in means.items()),
+        head.score("loca", loca, no_loca, of_hota),
+        *survival_rows(n.survival, head, undefined),
     ]

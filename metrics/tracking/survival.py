@@ -33,12 +33,8 @@ def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | N
     hidden, or without a box that counts. Its length is the time between the two, where stamps are known. It counts
     where the object was tracked since the occlusion before it, if any; the id then, at the last match, must be the id
     at the first match after it. An object that isn't found again before its next occlusion, or its end, didn't survive.
-
-    Args:
-        problem: N truth boxes.
-        partner_id: (N,) id of the estimate that each was matched to; -1: none.
-        visibility: (N,) visible share; NaN or `None`: seen.
-        steps: Of the sequence.
+    `partner_id` (N,) is the id of the estimate that each truth box was matched to, -1: none; `visibility` (N,) the
+    visible share; NaN or `None`: seen.
     """
     seen = np.ones(problem.num_truth, bool) if visibility is None else ~(visibility < HIDDEN_BELOW)
     counts = np.zeros((2, len(LENGTHS_S)), np.int64)  # in front those of unknown length

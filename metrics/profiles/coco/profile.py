@@ -1,37 +1,29 @@
 """The profile `coco`."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import fsum
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from fbench.metrics.profiles.coco.measure import measure
-from fbench.metrics.profiles.coco.statistics import ClassStatistics, CocoRules, CocoStatistics, Outcome
+from fbench.metrics.profiles.coco.measure import ClassStatistics, CocoRules, CocoStatistics, Outcome, measure
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.scores import Score
-from fbench.replay.data.sequences import Sequence as Sequence_of_sequence
+from fbench.replay.data.sequences import Sequence
 
 
 def average_precision(outcome: Array, num_truth: int, num_recalls: int) -> float:
-    """Mean of the best precision at or beyond each of `num_recalls` recalls from 0 to 1, 0 where none is reached.
-
-    Args:
-        outcome: (M,) `Outcome` of estimates, the best score first.
-        num_truth: Boxes to be found, at least 1.
-        num_recalls: 101 in COCO.
+    """Mean of the best precision at or beyond each of `num_recalls` recalls from 0 to 1, 101 in COCO; 0 where none is
+    reached. `outcome` (M,) are `Outcome`s of estimates, the best score first; `num_truth`, boxes to be found, is above
+    0.
     """
     hits, counted = np.cumsum(outcome == Outcome.HIT), np.cumsum(outcome != Outcome.IGNORED)
     precision = np.append(hits / np.maximum(counted, 1), 0.0)
     best = np.maximum.accumulate(precision[::-1])[::-1]
     reached = np.searchsorted(hits / num_truth, np.linspace(0, 1, num_recalls), side="left")
     return float(best[reached].mean())
-
-
-_NOTHING = "no truth boxes (pycocotools prints -1)"
 
 
 @dataclass(frozen=True)
@@ -63,100 +55,24 @@ def kinds(rules: CocoRules) -> list[Kind]:
     ]
 
 
-def rows(statistics: CocoStatistics, rules: CocoRules, classes: Sequence[str], part: str) -> list[Score]:
-    """Return rows of the mean over classes, then the average precision of each class.
-
-    Args:
-        statistics: Of any sum of sequences.
-        rules: By which they were taken.
-        classes: In the order in which they are shown; empty: those that truth has, sorted.
-        part: What the rows are about.
-    """
-    found = statistics.classes
-    shown = [name for name in classes or sorted(found) if name in found and (classes or _has_truth(found[name]))]
-    tables = [_Table(found[name], rules) for name in shown]
-    wanted = kinds(rules)
-    images = {
-        "images": statistics.num_images,
-        "invalid_truth": statistics.num_invalid_truth,
-        "invalid_estimates": statistics.num_invalid_estimates,
-    }
-    means = [_mean_row(kind, rules, [t.cell(kind) for t in tables], images, part) for kind in wanted]
-    own = [
-        _row(kind, name, rules, table.cell(kind), {"images": statistics.num_images}, part)
-        for name, table in zip(shown, tables, strict=True)
-        for kind in wanted
-        if kind.area == 0 and not kind.is_recall
-    ]
-    return means + own
+_COUNTS = ("truth", "crowds", "estimates", "tp", "fp")
 
 
-@dataclass(frozen=True)
-class _Cell:
-    """One number of one class; `None` where undefined."""
-
-    value: float | None
-    counts: dict[str, int]
-
-
-class _Table:
-    """The ranking of one class, and the numbers that can be read from it."""
-
-    def __init__(self, statistics: ClassStatistics, rules: CocoRules) -> None:
-        self._statistics, self._rules = statistics, rules
-        self._place, self._outcome = statistics.rank()
-
-    def cell(self, kind: Kind) -> _Cell:
-        """Return one number with its raw counts: hits and false alarms are sums over the thresholds."""
-        early: Array = self._place < kind.max_estimates
-        outcome = self._outcome[kind.area][list(kind.thresholds)][:, early]
-        truth = self._statistics.num_truth[kind.area]
-        hits: Int64 = (outcome == Outcome.HIT).sum(axis=1)
-        counts = {
-            "truth": truth,
-            "crowds": self._statistics.num_crowds,
-            "estimates": int(early.sum()),
-            "tp": int(hits.sum()),
-            "fp": int((outcome == Outcome.FALSE_ALARM).sum()),
-        }
-        if not truth:
-            return _Cell(None, counts)
-        if kind.is_recall:
-            return _Cell(fsum((hits / truth).tolist()) / len(hits), counts)
-        precisions = [average_precision(o, truth, self._rules.num_recalls) for o in outcome]
-        return _Cell(fsum(precisions) / len(precisions), counts)
-
-
-def _mean_row(kind: Kind, rules: CocoRules, cells: list[_Cell], images: dict[str, int], part: str) -> Score:
-    """The mean over the classes that have truth; their counts are summed."""
-    values = [cell.value for cell in cells if cell.value is not None]
-    names = ("truth", "crowds", "estimates", "tp", "fp")
-    counts = {name: sum(cell.counts[name] for cell in cells) for name in names}
-    mean = fsum(values) / len(values) if values else None
-    return _row(kind, "all", rules, _Cell(mean, counts), {"classes": len(values), **images}, part)
-
-
-def _row(kind: Kind, name: str, rules: CocoRules, cell: _Cell, images: dict[str, int], part: str) -> Score:
-    reason = _NOTHING if cell.value is None else None
-    return Score(kind.name, name, part, _matching(kind, rules), cell.value, reason, "1", {**cell.counts, **images})
-
-
-def _matching(kind: Kind, rules: CocoRules) -> str:
-    chosen = [rules.thresholds[i] for i in kind.thresholds]
-    iou = f"{chosen[0]:g}" if len(chosen) == 1 else f"{chosen[0]:g}:{chosen[-1]:g}"
-    area = rules.areas[kind.area]
-    sizes = f", area {area.low_px2:g} to {area.high_px2:g} px2" if kind.area else ""
-    return f"iou2d {iou}, {kind.max_estimates} an image{sizes}"
-
-
-def _has_truth(statistics: ClassStatistics) -> bool:
-    return statistics.num_truth[0] > 0 or statistics.num_crowds > 0
-
-
-_FACTS = Facts(
-    judges_tracks=False, space="2d", ranks_by_file=True,
-    headlines=Headlines(("ap", "ap50", "ap75", "aps", "apm", "apl", "ar1", "ar10", "ar100", "ars", "arm", "arl")),
-)  # fmt: skip
+def _cell(
+    kind: Kind, rules: CocoRules, statistics: ClassStatistics, place: Int64, outcome: Array
+) -> tuple[float | None, dict[str, int]]:
+    """One number of one class, `None` where undefined, and raw counts: hits and false alarms summed over thresholds."""
+    early: Array = place < kind.max_estimates
+    own, truth = outcome[kind.area][list(kind.thresholds)][:, early], statistics.num_truth[kind.area]
+    hits, alarms = (own == Outcome.HIT).sum(axis=1), int((own == Outcome.FALSE_ALARM).sum())
+    numbers = (truth, statistics.num_crowds, int(early.sum()), int(hits.sum()), alarms)
+    counts = dict(zip(_COUNTS, numbers, strict=True))
+    if not truth:
+        return None, counts
+    shares = (
+        (hits / truth).tolist() if kind.is_recall else [average_precision(o, truth, rules.num_recalls) for o in own]
+    )
+    return fsum(shares) / len(shares), counts
 
 
 @dataclass(frozen=True)
@@ -181,10 +97,10 @@ class CocoProfile:
     name: str = "coco"
     summary: str = "average precision and recall in images, as pycocotools 2.0.11 (bbox)"
 
-    @property
-    def facts(self) -> Facts:
-        """What it judges, and what it needs for that."""
-        return _FACTS
+    facts: ClassVar[Facts] = Facts(
+        judges_tracks=False, space="2d", ranks_by_file=True,
+        headlines=Headlines(("ap", "ap50", "ap75", "aps", "apm", "apl", "ar1", "ar10", "ar100", "ars", "arm", "arl")),
+    )  # fmt: skip
 
     @property
     def result_labels(self) -> frozenset[str]:
@@ -197,7 +113,7 @@ class CocoProfile:
             raise ConfigError(f"profile coco: can't match by {match.likeness}, use iou2d")
         return replace(self, rules=replace(self.rules, thresholds=(match.threshold,)))
 
-    def measure(self, sequence: Sequence_of_sequence) -> CocoStatistics:
+    def measure(self, sequence: Sequence) -> CocoStatistics:
         """Return outcomes of the estimates of one sequence.
 
         Estimates that aren't finite or have a negative size are false alarms, such truth is left out and counted.
@@ -206,5 +122,37 @@ class CocoProfile:
         return measure(sequence, self.rules, self.classes)
 
     def scores(self, statistics: CocoStatistics, part: str) -> list[Score]:
-        """Return COCO's twelve numbers, then average precisions of each class."""
-        return rows(statistics, self.rules, self.classes, part)
+        """Return COCO's twelve numbers over the classes that have truth, then average precisions of each class.
+
+        Counts of the means are summed. Classes are shown in the profile's order, else those that truth has, sorted.
+        """
+        rules, classes = self.rules, self.classes
+        found, wanted = statistics.classes, kinds(rules)
+        shown = [name for name in classes or sorted(found) if name in found]
+        shown = [name for name in shown if classes or found[name].num_truth[0] or found[name].num_crowds]
+        ranked = {name: found[name].rank() for name in shown}
+        cells = {(name, kind): _cell(kind, rules, found[name], *ranked[name]) for kind in wanted for name in shown}
+
+        def row(kind: Kind, class_: str, value: float | None, counts: dict[str, int]) -> Score:
+            chosen, area = [rules.thresholds[i] for i in kind.thresholds], rules.areas[kind.area]
+            iou = f"{chosen[0]:g}" if len(chosen) == 1 else f"{chosen[0]:g}:{chosen[-1]:g}"
+            sizes = f", area {area.low_px2:g} to {area.high_px2:g} px2" if kind.area else ""
+            reason = "no truth boxes (pycocotools prints -1)" if value is None else None
+            matching = f"iou2d {iou}, {kind.max_estimates} an image{sizes}"
+            return Score(kind.name, class_, part, matching, value, reason, "1", counts)
+
+        result = []
+        for kind in wanted:
+            values = [value for name in shown if (value := cells[name, kind][0]) is not None]
+            sums = (sum(cells[name, kind][1][count] for name in shown) for count in _COUNTS)
+            counts = {
+                **dict(zip(_COUNTS, sums, strict=True)), "classes": len(values), "images": statistics.num_images,
+                "invalid_truth": statistics.num_invalid_truth, "invalid_estimates": statistics.num_invalid_estimates,
+            }  # fmt: skip
+            result.append(row(kind, "all", fsum(values) / len(values) if values else None, counts))
+        for name in shown:
+            for kind in wanted:
+                if kind.area == 0 and not kind.is_recall:
+                    value, own = cells[name, kind]
+                    result.append(row(kind, name, value, {**own, "images": statistics.num_images}))
+        return result

@@ -1,181 +1,200 @@
 """The profile `kitti-object`: average precision of KITTI's object benchmark."""
 
 import math
-from collections.abc import Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from fbench.metrics.profiles.kitti.object_table import (
-    CLASSES,
-    DIFFICULTIES,
-    Difficulty,
-    ObjectClass,
-    ObjectTable,
-    object_table,
-)
-from fbench.metrics.profiles.kitti.rows import recall_thresholds
+from fbench.metrics.profiles.kitti import rows
+from fbench.metrics.profiles.kitti.rows import KittiClass, Pairs, Tables
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.profiles import Facts, Headlines, Likeness, Match
-from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.arrays import Array, Float64, Int64, freeze_fields
 from fbench.replay.data.scores import Score
-from fbench.replay.data.sequences import Sequence
+from fbench.replay.data.sequences import Objects, Sequence
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """Which truth must be found; results lower than the height are excused."""
+
+    name: str
+    min_height_px: float  # Truth must be higher
+    max_occlusion: int
+    max_truncation: float
+
+
+@dataclass(frozen=True)
+class ObjectClass(KittiClass):
+    """From which overlap on boxes of a class match."""
+
+    matches: tuple[Match, ...] = ()
+
+
+def _matches(strict: float, loose: float) -> tuple[Match, ...]:
+    """The benchmark's overlaps, then the loose ones, which are the same in the image."""
+    return (
+        Match("iou2d", strict), Match("ioubev", strict), Match("iou3d", strict),
+        Match("ioubev", loose), Match("iou3d", loose),
+    )  # fmt: skip
+
+
+CLASSES = (
+    ObjectClass("car", "van", _matches(0.7, 0.5)),
+    ObjectClass("pedestrian", "person_sitting", _matches(0.5, 0.25)),
+    ObjectClass("cyclist", "", _matches(0.5, 0.25)),
+)
+DIFFICULTIES = (
+    Difficulty("easy", 40.0, 0, 0.15),
+    Difficulty("moderate", 25.0, 1, 0.3),
+    Difficulty("hard", 25.0, 2, 0.5),
+)
+COUNTS, IGNORED, LEFT_OUT = 0, 1, -1
+"""What a result is for a class and difficulty; as in `metrics/profiles/kitti/kernels.py`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectTable:
+    """N truth boxes and M results at D difficulties."""
+
+    pairs: Pairs
+    truth_ignored: Array  # (D, N) bool: of a neighboring class, or too low, occluded or truncated for the difficulty
+    state: Array  # (D, M) int64: `COUNTS`, `IGNORED` or `LEFT_OUT`
+    score: Float64  # (M,)
+    covered: Float64  # (M,) share that a "don't care" region covers; 0 where they don't matter
+    truth_alpha: Float64  # (N,) observation angle [rad], NaN where unknown
+    alpha: Float64  # (M,)
+    num_bad_truth: int  # Left out; what the source left out already is of any class
+    num_bad_results: int  # They are false positives at every threshold
+    missing: str  # What the boxes lack, so that they can't be matched in this way; empty where nothing
+
+    def __post_init__(self) -> None:
+        truth, results = ("N",), ("M",)
+        freeze_fields(
+            self, truth_ignored=("?", ("D", "N")), state=("i8", ("D", "M")), score=("f8", results),
+            covered=("f8", results), truth_alpha=("f8", truth), alpha=("f8", results),
+        )  # fmt: skip
+
+
+def object_table(
+    sequence: Sequence, kind: ObjectClass, difficulties: Many[Difficulty], likeness: Likeness, least: float, sort: bool
+) -> ObjectTable:
+    """Select what counts for one class and likeness; pairs are kept from the overlap `least` on.
+
+    Results of any class that are low have a part too: the devkit looks at the height first and excuses them. It
+    compares orientation, and excuses results in "don't care" regions, in the image only.
+    """
+    missing, is_flat, num_steps = "", likeness == "iou2d", len(sequence.steps)
+    for side, objects in (("results", sequence.estimates), ("truth", sequence.truth)):
+        boxes = objects.xyxy_px if is_flat else objects.center_m
+        if len(objects) and (boxes is None or np.isnan(boxes).all()):
+            missing = f"{side} of {sequence.name}: no {'boxes in images' if is_flat else '3D boxes'}"
+    low = np.abs(_heights(sequence.estimates)) < max(one.min_height_px for one in difficulties)
+    truth = sequence.truth[np.isin(sequence.truth.label, kind.labels) & (not missing)]
+    results = sequence.estimates[((sequence.estimates.label == kind.label) | low) & (not missing)]
+    if sort:
+        truth, results = rows.by_content(truth, sequence), rows.by_content(results, sequence)
+    sound_truth, sound = rows.are_sound(truth, likeness, True), rows.are_sound(results, likeness, False)
+    num_bad_truth, num_bad_results = (~sound_truth).sum(), (~sound & (results.label == kind.label)).sum()
+    truth, results = truth[sound_truth], results[sound]
+    height, truth_ignored, state = np.abs(_heights(results)), [], []
+    for one in difficulties:
+        ignored = (truth.label == kind.neighbor) | (_heights(truth) <= one.min_height_px) | rows.outside(truth)
+        ignored |= rows.fill_unknown(truth.occlusion, truth, -1.0) > one.max_occlusion
+        truth_ignored.append(ignored | (rows.fill_unknown(truth.truncation, truth, -1.0) > one.max_truncation))
+        excused = (height < one.min_height_px) | rows.outside(results)
+        state.append(np.where(excused, IGNORED, np.where(results.label == kind.label, COUNTS, LEFT_OUT)))
+    return ObjectTable(
+        pairs=rows.pairs_within(truth, results, num_steps, likeness, least),
+        truth_ignored=np.stack(truth_ignored),
+        state=np.stack(state).astype(np.int64),
+        score=results.score,
+        covered=rows.share_in_regions(results, sequence.truth, num_steps) if is_flat else np.zeros(len(results)),
+        truth_alpha=observation_angles(truth) if is_flat else np.full(len(truth), np.nan),
+        alpha=observation_angles(results) if is_flat else np.full(len(results), np.nan),
+        num_bad_truth=int(num_bad_truth) + sequence.num_invalid_truth,
+        num_bad_results=int(num_bad_results),
+        missing=missing,
+    )
+
+
+def _heights(objects: Objects) -> Float64:
+    rectangle = rows.rectangles(objects)
+    return rectangle[:, 3] - rectangle[:, 1]
+
+
+def observation_angles(objects: Objects) -> Float64:
+    """Return KITTI's alpha (N,) [rad]: as given, else from the solids, NaN where there is neither."""
+    if objects.alpha_rad is not None:
+        return objects.alpha_rad
+    if objects.center_m is None or objects.yaw_rad is None:
+        return np.full(len(objects), np.nan)
+    bearing: Float64 = np.arctan2(objects.center_m[:, 1], objects.center_m[:, 0])
+    return bearing - objects.yaw_rad - np.pi / 2
+
 
 NUM_RECALLS = 40
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """Counts at the thresholds of recalls 0, 1/40 ...; those that weren't reached are missing."""
+def object_scores(
+    tables: Many[ObjectTable], kind: ObjectClass, match: Match, difficulties: Many[Difficulty], d: int, part: str
+) -> list[Score]:
+    """Return AP over recalls 1/40 to 1, and over 0, 0.1 to 1 as the benchmark had it until 2019, and in the image AOS.
 
-    num_truth: int  # Truth boxes of the difficulty
-    counts: Int64  # (K, 3) hits, false positives, misses
-    similarity: Float64  # (K,) sum over hits of (1 + cos) / 2 of the difference of observation angles
-    has_alpha: bool
-    missing: str
-    num_bad_truth: int
-    num_bad_results: int
-
-    @property
-    def precision(self) -> Float64:
-        """Best precision (41,) from each recall on; 0 where it wasn't reached."""
-        return self._envelope(self.counts[:, 0].astype(np.float64))
-
-    @property
-    def orientation(self) -> Float64:
-        """Best share of similarity (41,) from each recall on."""
-        return self._envelope(self.similarity)
-
-    def _envelope(self, top: Float64) -> Float64:
-        detected = self.counts[:, 0] + self.counts[:, 1]
-        values = np.zeros(NUM_RECALLS + 1)
-        np.divide(top, detected, out=values[: len(top)], where=detected > 0)
-        return np.maximum.accumulate(values[::-1])[::-1]
-
-
-def curve(tables: Many[ObjectTable], difficulty: int, overlap: float) -> Curve:
-    """Find the thresholds from the scores of all tables, and count at each.
-
-    Args:
-        tables: Of one class and likeness.
-        difficulty: Index.
-        overlap: Boxes match above it.
+    Thresholds are found from the scores of all tables, of one class and likeness, at difficulty `d`. A recall that
+    isn't reached has no threshold, and precision 0. Raw counts are those at the lowest threshold.
     """
-    from fbench.metrics.core.exact import fractions  # numba takes a while to import
+    # numba takes a while to import
+    from fbench.metrics.core.exact import fractions
+    from fbench.metrics.profiles.kitti.kernels import count_at, heading_similarity, hit_scores
 
-    walks = [_Walk.of(table, difficulty, overlap) for table in tables]
-    num_truth = sum(int((~table.truth_ignored[difficulty]).sum()) for table in tables)
-    scores = np.concatenate([np.zeros(0), *(walk.hit_scores() for walk in walks)])
-    thresholds = recall_thresholds(scores, num_truth, NUM_RECALLS)[0]
-    own = [walk.count(thresholds) for walk in walks]
-    counts = sum((counts for counts, _ in own), np.zeros((len(thresholds), 3), np.int64))
-    similarity = fractions(np.sum([digits for _, digits in own], axis=0))
-    return Curve(
-        num_truth=num_truth,
-        counts=counts,
-        similarity=np.array([float(value) for value in similarity], np.float64),
-        has_alpha=all(walk.has_alpha for walk in walks),
-        missing=next((table.missing for table in tables if table.missing), ""),
-        num_bad_truth=sum(table.num_bad_truth for table in tables),
-        num_bad_results=sum(table.num_bad_results for table in tables),
-    )
-
-
-def object_scores(curve: Curve, kind: ObjectClass, match: Match, difficulty: Difficulty, part: str) -> list[Score]:
-    """Return AP over 40 recalls and over 11, and in the image AOS."""
-    counts = _counts(curve)
-    why = curve.missing or ("" if curve.num_truth else "no truth boxes of this difficulty (KITTI's devkit prints 0)")
-    rows = _rows("ap", curve.precision, why, counts)
-    if match.likeness == "iou2d":
-        rows += _rows("aos", curve.orientation, why or ("" if curve.has_alpha else "no observation angles"), counts)
-    where = f"{part}, {difficulty.name}"
-    return [Score(n, kind.label, where, str(match), value, reason, "1", own) for n, value, reason, own in rows]
-
-
-def _counts(curve: Curve) -> Mapping[str, int]:
-    """Counts at the lowest threshold, and how many of the 41 recalls have one."""
-    tp, fp, fn = curve.counts[-1].tolist() if len(curve.counts) else (0, 0, curve.num_truth)
-    return {
-        "tp": tp, "fp": fp, "fn": fn, "gt": curve.num_truth, "reached": len(curve.counts),
-        "invalid_truth": curve.num_bad_truth, "invalid_results": curve.num_bad_results,
-    }  # fmt: skip
-
-
-def _rows(
-    name: str, envelope: Float64, why: str, counts: Mapping[str, int]
-) -> list[tuple[str, float | None, str | None, Mapping[str, int]]]:
-    """The mean over recalls 1/40 to 1, and over 0, 0.1 to 1 as the benchmark had it until 2019."""
-    values = ((name, math.fsum(envelope[1:]) / 40), (f"{name}11", math.fsum(envelope[::4]) / 11))
-    return [(metric, None if why else value, why or None, counts) for metric, value in values]
-
-
-@dataclass(frozen=True, eq=False)
-class _Walk:
-    """One table at one difficulty and overlap."""
-
-    table: ObjectTable
-    difficulty: int
-    overlap: float
-    has_alpha: bool
-
-    @classmethod
-    def of(cls, table: ObjectTable, difficulty: int, overlap: float) -> "_Walk":
-        counted = table.state[difficulty] == 0
-        found = ~table.truth_ignored[difficulty]
-        has_alpha = np.isfinite(table.alpha[counted]).all() and np.isfinite(table.truth_alpha[found]).all()
-        return cls(table, difficulty, overlap, bool(has_alpha))
-
-    def hit_scores(self) -> Float64:
-        """Scores (H,) of hits when all results count."""
-        from fbench.metrics.profiles.kitti.kernels import hit_scores  # numba takes a while to import
-
-        table, pairs, d = self.table, self.table.pairs, self.difficulty
-        scores = hit_scores(
-            pairs.start, pairs.estimate, pairs.likeness, table.truth_ignored[d], table.state[d], table.score,
-            self.overlap,
-        )  # fmt: skip
-        hits: Float64 = scores[~np.isnan(scores)]
-        return hits
-
-    def count(self, thresholds: tuple[float, ...]) -> tuple[Int64, Int64]:
-        """Return counts (K, 3) and digits (K, LIMBS) of the sum of similarity of heading."""
-        from fbench.metrics.profiles.kitti.kernels import count_at, heading_similarity
-
-        table, pairs, d = self.table, self.table.pairs, self.difficulty
-        if self.has_alpha:
+    overlap, num_truth, scores, has_alpha = match.threshold, 0, [np.zeros(0)], True
+    known = [
+        (t.pairs.start, t.pairs.estimate, t.pairs.likeness, t.truth_ignored[d], t.state[d], t.score, overlap)
+        for t in tables
+    ]
+    for table, own in zip(tables, known, strict=True):
+        num_truth += int((~table.truth_ignored[d]).sum())
+        hits = hit_scores(*own)
+        scores.append(hits[~np.isnan(hits)])
+    thresholds = np.array(rows.recall_thresholds(np.concatenate(scores), num_truth, NUM_RECALLS)[0], np.float64)
+    found = []
+    for table, own in zip(tables, known, strict=True):
+        pairs, counted, asked = table.pairs, table.state[d] == COUNTS, ~table.truth_ignored[d]
+        knows = np.isfinite(table.alpha[counted]).all() and np.isfinite(table.truth_alpha[asked]).all()
+        turned = np.zeros(len(pairs.estimate))
+        if knows:
             turned = heading_similarity(pairs.start, pairs.estimate, table.truth_alpha, table.alpha)
-        else:
-            turned = np.zeros(len(pairs.estimate))
-        counts, digits = count_at(
-            pairs.start, pairs.estimate, pairs.likeness, table.truth_ignored[d], table.state[d], table.score,
-            self.overlap, table.covered > self.overlap, turned, np.array(thresholds, np.float64),
-        )  # fmt: skip
-        counts[:, 1] += table.num_bad_results
-        return counts, digits
+        has_alpha &= bool(knows)
+        found.append(count_at(*own, table.covered > overlap, turned, thresholds))
+        found[-1][0][:, 1] += table.num_bad_results
+    counts: Int64 = np.sum([counts for counts, _ in found], axis=0)
+    turns = [float(value) for value in fractions(np.sum([digits for _, digits in found], axis=0))]
+    tp, fp, fn = counts[-1].tolist() if len(counts) else (0, 0, num_truth)
+    raw = {
+        "tp": tp, "fp": fp, "fn": fn, "gt": num_truth, "reached": len(counts),
+        "invalid_truth": sum(t.num_bad_truth for t in tables),
+        "invalid_results": sum(t.num_bad_results for t in tables),
+    }  # fmt: skip
+    why = next((table.missing for table in tables if table.missing), "")
+    why = why or ("" if num_truth else "no truth boxes of this difficulty (KITTI's devkit prints 0)")
+    kinds = [("ap", counts[:, 0].astype(np.float64), why)]
+    if match.likeness == "iou2d":
+        kinds.append(("aos", np.array(turns, np.float64), why or ("" if has_alpha else "no observation angles")))
+    result = []
+    for name, top, reason in kinds:
+        best, detected = np.zeros(NUM_RECALLS + 1), counts[:, 0] + counts[:, 1]
+        np.divide(top, detected, out=best[: len(top)], where=detected > 0)
+        best = np.maximum.accumulate(best[::-1])[::-1]  # from each recall on
+        means = ((name, math.fsum(best[1:]) / 40), (f"{name}11", math.fsum(best[::4]) / 11))
+        where = (kind.label, f"{part}, {difficulties[d].name}", str(match))
+        result += [Score(n, *where, None if reason else mean, reason or None, "1", raw) for n, mean in means]
+    return result
 
 
 _LIKENESSES: tuple[Likeness, ...] = ("iou2d", "ioubev", "iou3d")
-
-
-@dataclass(frozen=True)
-class ObjectStatistics:
-    """Tables of sequences, one for each class and likeness of the profile.
-
-    Thresholds depend on the scores of all sequences, so boxes are kept and counted at the end.
-    """
-
-    tables: tuple[tuple[ObjectTable, ...], ...]
-
-    def __add__(self, other: "ObjectStatistics") -> "ObjectStatistics":
-        return ObjectStatistics(self.tables + other.tables)
-
-
-_FACTS = Facts(
-    judges_tracks=False, space="both", family="kitti-tracking",
-    headlines=Headlines(("ap", "ap11", "aos"), all_matchings=True, has_levels=True),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -196,10 +215,10 @@ class KittiObject:
         "KITTI object AP and AOS over 40 and 11 recalls: in the image, from above, in 3D (OpenPCDet 8cacccec)"
     )
 
-    @property
-    def facts(self) -> Facts:
-        """What it judges, and what it needs for that."""
-        return _FACTS
+    facts: ClassVar[Facts] = Facts(
+        judges_tracks=False, space="both", family="kitti-tracking",
+        headlines=Headlines(("ap", "ap11", "aos"), all_matchings=True, has_levels=True),
+    )  # fmt: skip
 
     @property
     def result_labels(self) -> frozenset[str]:
@@ -214,34 +233,28 @@ class KittiObject:
             raise ConfigError(f"{self.name}: --match {match.likeness}: expected iou2d, ioubev or iou3d")
         return replace(self, classes=tuple(replace(kind, matches=(match,)) for kind in self.classes))
 
-    def measure(self, sequence: Sequence) -> ObjectStatistics:
-        """Return what counts in one sequence."""
-        return ObjectStatistics(
-            (
-                tuple(
-                    object_table(sequence, kind, self.difficulties, likeness, least, self.sort)
-                    for kind, likeness, least in self._kinds()
-                ),
-            )
-        )
+    def measure(self, sequence: Sequence) -> Tables[ObjectTable]:
+        """Return what counts in one sequence, a table for each class and likeness."""
+        kinds = self._kinds().items()
+        own = (object_table(sequence, k, self.difficulties, like, least, self.sort) for (k, like), least in kinds)
+        return Tables((tuple(own),))
 
-    def scores(self, statistics: ObjectStatistics, part: str) -> list[Score]:
+    def scores(self, statistics: Tables[ObjectTable], part: str) -> list[Score]:
         """Return rows by class, match and difficulty."""
-        position = {(kind.label, likeness): i for i, (kind, likeness, _) in enumerate(self._kinds())}
-        rows = []
-        for kind in self.classes:
-            for match in kind.matches:
-                tables = [own[position[kind.label, match.likeness]] for own in statistics.tables]
-                for d, difficulty in enumerate(self.difficulties):
-                    found = curve(tables, d, match.threshold)
-                    rows += object_scores(found, kind, match, difficulty, part)
-        return rows
-
-    def _kinds(self) -> list[tuple[ObjectClass, Likeness, float]]:
-        """Which tables there are: class, likeness and least overlap."""
+        tables = dict(zip(self._kinds(), zip(*statistics.tables, strict=True), strict=True))
         return [
-            (kind, likeness, min(match.threshold for match in kind.matches if match.likeness == likeness))
+            row
+            for kind in self.classes
+            for match in kind.matches
+            for d in range(len(self.difficulties))
+            for row in object_scores(tables[kind, match.likeness], kind, match, self.difficulties, d, part)
+        ]
+
+    def _kinds(self) -> dict[tuple[ObjectClass, Likeness], float]:
+        """Which tables there are: class, likeness and least overlap."""
+        return {
+            (kind, likeness): min(match.threshold for match in kind.matches if match.likeness == likeness)
             for kind in self.classes
             for likeness in _LIKENESSES
             if any(match.likeness == likeness for match in kind.matches)
-        ]
+        }

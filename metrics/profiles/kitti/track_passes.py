@@ -6,37 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.profiles.kitti.rows import (
-    Pairs,
-    by_content,
-    fill_unknown,
-    has_label,
-    outside,
-    pairs_within,
-    recall_thresholds,
-    rectangles,
-    share_in_regions,
-    sound_results,
-    sound_truth,
-    track_numbers,
-    unique_ids,
-)
+from fbench.metrics.core.ordering import find_twice, number_tracks
+from fbench.metrics.profiles.kitti import rows
+from fbench.metrics.profiles.kitti.rows import KittiClass, Pairs
+from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
-from fbench.replay.data.sequences import Objects, Sequence
-
-
-@dataclass(frozen=True)
-class TrackClass:
-    """A class, and the one that is neither a hit nor a miss beside it."""
-
-    label: str
-    neighbor: str = ""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Labels whose boxes are matched."""
-        return (self.label, self.neighbor) if self.neighbor else (self.label,)
+from fbench.replay.data.sequences import Sequence
 
 
 @dataclass(frozen=True)
@@ -77,66 +53,43 @@ class TrackTable:
             track_score=("f8", tracks),
         )  # fmt: skip
 
-    @property
-    def num_truth_tracks(self) -> int:
-        """K."""
-        return len(self.track_start) - 1
 
-
-def track_table(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> TrackTable:
+def track_table(sequence: Sequence, kind: KittiClass, rules: TrackRules) -> TrackTable:
     """Select what counts for one class. Raises MetricError where an id is twice in a frame (GT003), or boxes lack what
     is matched.
     """
-    truth, num_bad_truth = _truth(sequence, kind, rules)
-    results, num_bad_results = _results(sequence, kind, rules)
-    num_steps, match = len(sequence.steps), rules.match
-    truth_track, estimate_track = (track_numbers(objects, sequence) for objects in (truth, results))
-    track_rows = np.argsort(truth_track, kind="stable")
-    track_size = np.bincount(estimate_track).astype(np.int64)
-    # Scores are added in the order of frames, as AB3DMOT does.
-    scores = np.bincount(estimate_track, weights=results.score) / np.maximum(track_size, 1)
+    steps, match, sides, num_bad = sequence.steps, rules.match, [], []
+    for side, own in (("truth", sequence.truth), ("results", sequence.estimates)):
+        objects = own[np.isin(own.label, kind.labels) & (own.track_id >= 0)]
+        if (row := find_twice(objects.step, objects.track_id)) is not None:
+            where = f"{sequence.name}: frame {steps.frame[objects.step[row]]}"
+            raise MetricError(f"{where}: {side} has id {objects.track_id[row]} twice", "GT003")
+        good = rows.are_sound(objects, match.likeness, side == "truth")
+        sides.append(rows.by_content(objects[good], sequence))
+        num_bad.append(int((~good).sum()))
+    truth, results = sides
+    # Levels are whole numbers, cut off as AB3DMOT cuts them; what nobody knows is no reason to ignore.
+    occlusion, truncation = (np.trunc(rows.fill_unknown(v, truth, -1.0)) for v in (truth.occlusion, truth.truncation))
+    ignored = (occlusion > rules.max_occlusion) | (truncation > rules.max_truncation) | rows.outside(truth)
+    rectangle = rows.rectangles(results)
+    excusable = np.abs(rectangle[:, 1] - rectangle[:, 3]) <= rules.min_height_px
+    excusable |= rows.share_in_regions(results, sequence.truth, len(steps)) > rules.max_covered
+    truth_track, estimate_track = (number_tracks(side.track_id, steps.stream[side.step]) for side in sides)
+    track_rows, track_size = np.argsort(truth_track, kind="stable"), np.bincount(estimate_track).astype(np.int64)
     return TrackTable(
-        num_frames=num_steps,
-        pairs=pairs_within(truth, results, num_steps, match.likeness, match.threshold),
-        truth_ignored=_ignored(truth, kind, rules),
+        num_frames=len(steps),
+        pairs=rows.pairs_within(truth, results, len(steps), match.likeness, match.threshold),
+        truth_ignored=ignored | (truth.label == kind.neighbor),
         track_start=np.searchsorted(truth_track[track_rows], np.arange(truth_track.max(initial=-1) + 2)),
         track_rows=track_rows,
         estimate_track=estimate_track,
-        excusable=_excusable(results, sequence, kind, rules),
+        excusable=excusable | (results.label == kind.neighbor) | rows.outside(results),
         track_size=track_size,
-        track_score=scores,
-        num_bad_truth=num_bad_truth + sequence.num_invalid_truth,
-        num_bad_results=num_bad_results,
+        # Scores are added in the order of frames, as AB3DMOT does.
+        track_score=np.bincount(estimate_track, weights=results.score) / np.maximum(track_size, 1),
+        num_bad_truth=num_bad[0] + sequence.num_invalid_truth,
+        num_bad_results=num_bad[1],
     )
-
-
-def _truth(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[Objects, int]:
-    truth = sequence.truth[has_label(sequence.truth, kind.labels) & (sequence.truth.track_id >= 0)]
-    unique_ids(truth, sequence, "truth")
-    good = sound_truth(truth, rules.match.likeness)
-    return by_content(truth[good], sequence), int((~good).sum())
-
-
-def _results(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[Objects, int]:
-    results = sequence.estimates[has_label(sequence.estimates, kind.labels) & (sequence.estimates.track_id >= 0)]
-    unique_ids(results, sequence, "results")
-    good = sound_results(results, rules.match.likeness)
-    return by_content(results[good], sequence), int((~good).sum())
-
-
-def _ignored(truth: Objects, kind: TrackClass, rules: TrackRules) -> Bool:
-    """Levels are whole numbers, cut off as AB3DMOT cuts them; what nobody knows is no reason to ignore."""
-    occlusion, truncation = (np.trunc(fill_unknown(v, truth, -1.0)) for v in (truth.occlusion, truth.truncation))
-    ignored = (occlusion > rules.max_occlusion) | (truncation > rules.max_truncation)
-    return np.asarray(ignored | (truth.label == kind.neighbor) | outside(truth), np.bool_)
-
-
-def _excusable(results: Objects, sequence: Sequence, kind: TrackClass, rules: TrackRules) -> Bool:
-    rectangle = rectangles(results)
-    low: Bool = np.abs(rectangle[:, 1] - rectangle[:, 3]) <= rules.min_height_px
-    covered = share_in_regions(results, sequence.truth, len(sequence.steps))
-    excusable = low | (results.label == kind.neighbor) | (covered > rules.max_covered) | outside(results)
-    return np.asarray(excusable, np.bool_)
 
 
 ALL_RESULTS = -10000.0  # AB3DMOT's threshold for everything
@@ -197,9 +150,8 @@ def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:
     walks = [_Walk(table) for table in tables]
     everything = _add_walks(walks, (ALL_RESULTS,), (1.0,), is_first=True)[0]
     scores = np.concatenate([np.zeros(0), *(walk.matched_scores() for walk in walks)])
-    thresholds, recalls = recall_thresholds(scores, everything.tp + everything.fn, num_recalls)
-    thresholds, recalls = thresholds[1:], recalls[1:]  # the first is recall 0
-    passes = _add_walks(walks, thresholds, recalls, is_first=False)
+    thresholds, recalls = rows.recall_thresholds(scores, everything.tp + everything.fn, num_recalls)
+    passes = _add_walks(walks, thresholds[1:], recalls[1:], is_first=False)  # the first is recall 0
     best_mota, best = 0.0, ALL_RESULTS
     for one in passes:
         if one.mota is not None and one.mota > best_mota:
@@ -211,39 +163,36 @@ class _Walk:
     """One table with what AB3DMOT carries from pass to pass: scores, averaged anew, and which results matched once."""
 
     def __init__(self, table: TrackTable) -> None:
-        self.table = table
+        self._table = table
         self._score = table.track_score.copy()
         self._valid = np.zeros(len(table.estimate_track), np.bool_)
         self._matched: Int64 = np.zeros(0, np.int64)
 
     def count(self, thresholds: tuple[float, ...], is_first: bool) -> tuple[Int64, Float64]:
         """Return counts (K, 14) and sums (K, 2)."""
-        from fbench.metrics.profiles.kitti.kernels import count_passes  # numba takes a while to import
+        from fbench.metrics.profiles.kitti.kernels import FP, RESULTS, count_passes  # numba takes a while to import
 
-        table, pairs = self.table, self.table.pairs
+        table, pairs = self._table, self._table.pairs
         counts, sums, self._matched = count_passes(
             pairs.truth_start, pairs.estimate_start, pairs.start, pairs.estimate, pairs.likeness, table.truth_ignored,
             table.track_start, table.track_rows, table.estimate_track, table.excusable, table.track_size, self._score,
             self._valid, np.array(thresholds, np.float64), is_first,
         )  # fmt: skip
-        counts[:, 2] += table.num_bad_results  # false positives
-        counts[:, 12] += table.num_bad_results  # results
+        counts[:, [FP, RESULTS]] += table.num_bad_results
         return counts, sums
 
     def matched_scores(self) -> Float64:
         """Return the scores of the tracks that matched in the last pass, one a match."""
-        matched = self._matched[self._matched >= 0]
-        return self._score[self.table.estimate_track[matched]]
+        return self._score[self._table.estimate_track[self._matched[self._matched >= 0]]]
 
 
 def _add_walks(
     walks: list[_Walk], thresholds: tuple[float, ...], recalls: tuple[float, ...], is_first: bool
 ) -> list[Pass]:
     """Add up the passes of all tables; the sums of reals are exact before they are rounded, so order is nothing."""
-    own = [walk.count(thresholds, is_first) for walk in walks]
-    passes = []
-    for k, (threshold, recall) in enumerate(zip(thresholds, recalls, strict=True)):
-        counts = [sum(int(counts[k, c]) for counts, _ in own) for c in range(14)]
-        sums = [math.fsum(float(sums[k, c]) for _, sums in own) for c in range(2)]
-        passes.append(Pass(threshold, recall, *counts, *sums))
-    return passes
+    counts, sums = zip(*(walk.count(thresholds, is_first) for walk in walks), strict=True)
+    totals = np.sum(counts, axis=0).tolist()
+    return [
+        Pass(threshold, recall, *totals[k], *(math.fsum(float(own[k, c]) for own in sums) for c in range(2)))
+        for k, (threshold, recall) in enumerate(zip(thresholds, recalls, strict=True))
+    ]

@@ -1,11 +1,12 @@
 """Boxes that the nuScenes benchmarks count, and checks that stop an evaluation."""
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from fbench.metrics.core.exact import Counts
+from fbench.metrics.core.ordering import find_twice
 from fbench.metrics.profiles.nuscenes.settings import BoxRules
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
@@ -15,13 +16,22 @@ from fbench.replay.data.sequences import Objects, Sequence
 
 def check_sequence(sequence: Sequence, max_boxes: int) -> None:
     """Check what both benchmarks take for granted. Raises MetricError where boxes have no solid, an id is twice in a
-    sample, a sample has too many results, or nobody tells where the ego is in a sample with boxes, while it is known in
-    others.
+    sample, a sample has too many results, or nobody tells where the ego is, about which ranges are, in a sample with
+    boxes, while it is known in others.
     """
     for side, boxes in (("truth", sequence.truth), ("results", sequence.estimates)):
-        _check_solids(sequence, side, boxes)
-        _check_ids(sequence, side, boxes)
-        _check_ego(sequence, side, boxes)
+        if len(boxes) and (boxes.center_m is None or boxes.size_lwh_m is None or boxes.yaw_rad is None):
+            raise MetricError(f"{sequence.name}: {side} without boxes in space, the nuScenes benchmarks need them")
+        step, number = boxes.step[boxes.track_id >= 0], boxes.track_id[boxes.track_id >= 0]
+        if (row := find_twice(step, number)) is not None:
+            raise MetricError(f"{_place(sequence, int(step[row]))}: {side} has id {number[row]} twice", "GT003")
+        ego_m = np.zeros((len(sequence.steps), 2)) if sequence.ego_m is None else sequence.ego_m
+        unknown = np.isnan(ego_m[boxes.step, :2]).any(axis=1)
+        if unknown.any():
+            raise MetricError(
+                f"{_place(sequence, int(boxes.step[np.argmax(unknown)]))}: nobody tells where the ego is, so not how "
+                f"far off {side} are; give each sample of the truth its ego_x, ego_y, ego_z in samples.csv"
+            )
     most = np.bincount(sequence.estimates.step, minlength=1)
     if most.max(initial=0) > max_boxes:
         where = _place(sequence, int(most.argmax()))
@@ -31,37 +41,8 @@ def check_sequence(sequence: Sequence, max_boxes: int) -> None:
 def check_tracked(sequence: Sequence, side: str, boxes: Objects) -> None:
     """Check that each box belongs to a track. Raises MetricError where one doesn't."""
     if (boxes.track_id < 0).any():
-        step = int(boxes.step[np.argmax(boxes.track_id < 0)])
-        raise MetricError(
-            f"{_place(sequence, step)}: {side} without track id, nuscenes-tracking needs one for each box"
-        )
-
-
-def _check_solids(sequence: Sequence, side: str, boxes: Objects) -> None:
-    if len(boxes) and (boxes.center_m is None or boxes.size_lwh_m is None or boxes.yaw_rad is None):
-        raise MetricError(f"{sequence.name}: {side} without boxes in space, the nuScenes benchmarks need them")
-
-
-def _check_ids(sequence: Sequence, side: str, boxes: Objects) -> None:
-    order = np.lexsort((boxes.track_id, boxes.step))
-    step, number = boxes.step[order], boxes.track_id[order]
-    twice = np.flatnonzero((step[1:] == step[:-1]) & (number[1:] == number[:-1]) & (number[1:] >= 0))
-    if len(twice):
-        where = _place(sequence, int(step[twice[0]]))
-        raise MetricError(f"{where}: {side} has id {number[twice[0]]} twice", "GT003")
-
-
-def _check_ego(sequence: Sequence, side: str, boxes: Objects) -> None:
-    """Ranges are about the ego."""
-    if sequence.ego_m is None:
-        return
-    unknown = np.isnan(sequence.ego_m[boxes.step, :2]).any(axis=1)
-    if unknown.any():
-        where = _place(sequence, int(boxes.step[np.argmax(unknown)]))
-        raise MetricError(
-            f"{where}: nobody tells where the ego is, so not how far off {side} are; give each sample of the truth its "
-            "ego_x, ego_y, ego_z in samples.csv"
-        )
+        where = _place(sequence, int(boxes.step[np.argmax(boxes.track_id < 0)]))
+        raise MetricError(f"{where}: {side} without track id, nuscenes-tracking needs one for each box")
 
 
 def _place(sequence: Sequence, step: int) -> str:
@@ -92,22 +73,17 @@ def content_order(boxes: Objects) -> Int64:
     """
     center, size, yaw = solids(boxes)
     order = np.lexsort((center[:, 0], boxes.step))
-    if not _any_equal(center[order, 0], boxes.step[order]):
+    x, step = center[order, 0], boxes.step[order]
+    if not (~(x[1:] > x[:-1]) & (step[1:] == step[:-1])).any():  # NaN counts as equal
         return order
     keys: list[Array] = [boxes.step, *center.T, yaw, *size.T, boxes.score]
-    if boxes.velocity_mps is not None:
-        keys += [*boxes.velocity_mps.T]
+    keys += [] if boxes.velocity_mps is None else [*boxes.velocity_mps.T]
     keys += [boxes.label] + ([] if boxes.attribute is None else [boxes.attribute])
     return np.lexsort(keys[::-1])
 
 
-def _any_equal(x: Array, step: Array) -> bool:
-    unordered: Bool = ~(x[1:] > x[:-1]) & (step[1:] == step[:-1])  # NaN counts as equal
-    return bool(unordered.any())
-
-
 @dataclass(frozen=True)
-class LeftOut:
+class LeftOut(Counts):
     """Boxes that neither side is judged on, except `invalid`, which are false positives; for reports."""
 
     unknown_class: int = 0  # Results of a class that the benchmark doesn't have
@@ -123,10 +99,6 @@ class LeftOut:
     invalid: int = 0
     """Results with a score or box that isn't finite, or without extent (PRD001): counted as false positives."""
     invalid_truth: int = 0  # Truth boxes that aren't finite or have no extent (GT004)
-
-    def __add__(self, other: "LeftOut") -> "LeftOut":
-        mine, theirs = asdict(self), asdict(other)
-        return LeftOut(**{name: mine[name] + theirs[name] for name in mine})
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,43 +135,33 @@ def select_counted(sequence: Sequence, rules: BoxRules) -> Counted:
 
 
 def _side(sequence: Sequence, boxes: Objects, rules: BoxRules, racks: Objects) -> tuple[Side, dict[str, int]]:
-    kind = _kinds(boxes, rules.classes)
+    """Boxes that count, and how many were left out for which reason, in the devkit's order."""
+    kind = np.full(len(boxes), -1, np.int64)
+    for i, name in enumerate(rules.classes):
+        kind[boxes.label == name] = i
     counts = {"unknown_class": int((kind < 0).sum())}
     order = content_order(boxes)
     order = order[kind[order] >= 0]
     boxes, kind = boxes[order], kind[order]
-    invalid = _invalid(boxes)
-    kept = np.ones(len(boxes), bool)
-    for reason, rows in _filters(sequence, boxes, kind, invalid, rules, racks):
+    nobody, invalid = np.zeros(len(boxes), bool), _invalid(boxes)
+    ignored = nobody if boxes.ignore is None else boxes.ignore
+    xy = np.where(invalid[:, None], 0.0, solids(boxes).center_m[:, :2])
+    if sequence.ego_m is not None:  # the range is that from the ego in the ground plane
+        xy = xy - sequence.ego_m[boxes.step, :2]
+    racked = np.isin(kind, [rules.classes.index(name) for name in rules.rack_classes])
+    racked[racked] = _inside(boxes[racked], racks)
+    filters = {
+        "ignored": ignored if boxes.inside is None else ignored | ~boxes.inside,
+        "out_of_range": distances_m(xy) >= np.array([limit for _, limit in rules.class_range_m])[kind],
+        "no_points": nobody if boxes.num_points is None else boxes.num_points == 0,
+        "in_rack": racked,
+    }
+    kept = ~nobody
+    for reason, rows in filters.items():
         out = rows & kept & ~invalid
         counts[reason] = int(out.sum())
         kept &= ~out
     return Side(boxes[kept], kind[kept], invalid[kept]), counts
-
-
-def _filters(
-    sequence: Sequence, boxes: Objects, kind: Int64, invalid: Bool, rules: BoxRules, racks: Objects
-) -> Iterator[tuple[str, Bool]]:
-    """Reasons and which boxes (N,) they apply to, in the devkit's order."""
-    yield "ignored", _ignored(boxes)
-    limit_m = np.array([limit for _, limit in rules.class_range_m])[kind]
-    yield "out_of_range", _distance_m(sequence, boxes, invalid) >= limit_m
-    yield "no_points", np.zeros(len(boxes), bool) if boxes.num_points is None else boxes.num_points == 0
-    racked = np.isin(kind, [rules.classes.index(name) for name in rules.rack_classes])
-    racked[racked] = _inside(boxes[racked], racks)
-    yield "in_rack", racked
-
-
-def _kinds(boxes: Objects, classes: tuple[str, ...]) -> Int64:
-    kind = np.full(len(boxes), -1, np.int64)
-    for i, name in enumerate(classes):
-        kind[boxes.label == name] = i
-    return kind
-
-
-def _ignored(boxes: Objects) -> Bool:
-    ignored = np.zeros(len(boxes), bool) if boxes.ignore is None else boxes.ignore
-    return ignored if boxes.inside is None else ignored | ~boxes.inside
 
 
 def _invalid(boxes: Objects) -> Bool:
@@ -211,30 +173,19 @@ def _invalid(boxes: Objects) -> Bool:
     return bad
 
 
-def _distance_m(sequence: Sequence, boxes: Objects, invalid: Bool) -> Float64:
-    """Distances (N,) from the ego in the ground plane; 0 for what has none."""
-    xy = np.where(invalid[:, None], 0.0, solids(boxes).center_m[:, :2])
-    if sequence.ego_m is not None:
-        xy = xy - sequence.ego_m[boxes.step, :2]
-    distance_m: Float64 = np.sqrt(xy[:, 0] ** 2 + xy[:, 1] ** 2)
-    return distance_m
+def distances_m(xy: Float64) -> Float64:
+    """Return the lengths (N,) of vectors (N, 2)."""
+    return np.asarray(np.sqrt(xy[:, 0] ** 2 + xy[:, 1] ** 2))
 
 
 def _inside(boxes: Objects, racks: Objects) -> Bool:
     """Which centers (N,) are inside a rack of their step, border included."""
-    inside = np.zeros(len(boxes), bool)
-    centers = solids(boxes).center_m
+    inside, centers = np.zeros(len(boxes), bool), solids(boxes).center_m
     for step, center, size, yaw in zip(racks.step, *solids(racks), strict=True):
         rows = slice(*np.searchsorted(boxes.step, (step, step + 1)))
-        inside[rows] |= _in_solid(centers[rows] - center, size, float(yaw))
-    return inside
-
-
-def _in_solid(offset: Array, size_lwh: Array, yaw: float) -> Bool:
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    x, y = cos * offset[:, 0] + sin * offset[:, 1], cos * offset[:, 1] - sin * offset[:, 0]
-    local = np.abs(np.stack([x, y, offset[:, 2]], axis=1))
-    inside: Bool = (local <= size_lwh / 2).all(axis=1)
+        offset, cos, sin = centers[rows] - center, np.cos(yaw), np.sin(yaw)
+        x, y = cos * offset[:, 0] + sin * offset[:, 1], cos * offset[:, 1] - sin * offset[:, 0]
+        inside[rows] |= (np.abs(np.stack([x, y, offset[:, 2]], axis=1)) <= size / 2).all(axis=1)
     return inside
 
 
@@ -243,11 +194,10 @@ def sort_groups(side: Side, num_classes: int, num_steps: int, by_score: bool = F
 
     Within a group they keep the order of their content, or go by score, the best first, before that.
     """
-    group = side.boxes.step * num_classes + side.kind
-    keys = (_descending(side.boxes.score), group) if by_score else (group,)
+    group, score = side.boxes.step * num_classes + side.kind, side.boxes.score
+    keys = (np.where(np.isnan(score), -np.inf, -score), group) if by_score else (group,)
     order = np.lexsort(keys).astype(np.int64)
-    start = np.searchsorted(group[order], np.arange(num_steps * num_classes + 1)).astype(np.int64)
-    return order, start
+    return order, np.searchsorted(group[order], np.arange(num_steps * num_classes + 1)).astype(np.int64)
 
 
 def centers_xy(side: Side) -> Float64:
@@ -255,5 +205,14 @@ def centers_xy(side: Side) -> Float64:
     return np.ascontiguousarray(solids(side.boxes).center_m[:, :2])
 
 
-def _descending(score: Float64) -> Float64:
-    return np.where(np.isnan(score), -np.inf, -score)
+class Candidates(NamedTuple):
+    """Boxes of one class of one sequence, by step, and the pairs of them that are near; int32 but for the reals."""
+
+    truth_start: Array  # (S + 1,) offsets of steps
+    truth_track: Array  # (N,)
+    estimate_start: Array  # (S + 1,)
+    estimate_track: Array  # (M,)
+    score: Array  # (M,)
+    pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
+    pair_estimate: Array  # (P,) rows
+    pair_m: Array  # (P,) distances

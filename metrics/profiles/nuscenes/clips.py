@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fbench.metrics.core.ordering import content_ranks, life_ranks
-from fbench.metrics.profiles.nuscenes.boxes import LeftOut, Side, centers_xy
+from fbench.metrics.core.ordering import content_ranks, life_ranks, number_tracks
+from fbench.metrics.profiles.nuscenes.boxes import Candidates, LeftOut, Side, centers_xy
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
 from fbench.replay.data.sequences import Sequence
@@ -42,25 +41,21 @@ def track_points(sequence: Sequence, side: Side) -> TrackPoints:
     `create_tracks`), in results too. That uses the future; nothing but this profile does it. Raises MetricError where
     samples of a stream don't follow each other in time.
     """
-    points = _points(sequence, side)
+    steps, step, xy = sequence.steps, side.boxes.step, centers_xy(side)
+    time = steps.stamp_ns if steps.stamp_ns.any() else steps.frame  # frames where the source has no stamps
+    late = (np.diff(steps.stream) == 0) & (np.diff(time) <= 0)
+    if late.any():
+        raise MetricError(f"{sequence.name}, sample {steps.frame[1:][late][0]}: not later than the sample before it")
+    number = np.where(side.invalid, -1 - np.arange(len(side.kind)), side.boxes.track_id)
+    score = np.where(np.isfinite(side.boxes.score), side.boxes.score, np.inf)
+    box = content_ranks((step, *xy.T, side.kind, score, side.invalid))
+    track = life_ranks(box, number_tracks(number, steps.stream[step]))
+    points = TrackPoints(step, track, side.kind, xy, score, side.invalid)
     points = points[np.lexsort((points.step, points.track))]
     bounds = np.flatnonzero(np.diff(points.track, prepend=-1, append=-1))
     means = [np.mean(points.score[start:end]) for start, end in pairwise(bounds)]
     points = replace(points, score=np.repeat(means, np.diff(bounds)))
-    return _sort(_fill(points, _time(sequence)))
 
-
-def _points(sequence: Sequence, side: Side) -> TrackPoints:
-    number = np.where(side.invalid, -1 - np.arange(len(side.kind)), side.boxes.track_id)
-    step, xy = side.boxes.step, centers_xy(side)
-    score = np.where(np.isfinite(side.boxes.score), side.boxes.score, np.inf)
-    track = content_ranks((sequence.steps.stream[step], number))
-    box = content_ranks((step, *xy.T, side.kind, score, side.invalid))
-    return TrackPoints(step, life_ranks(box, track), side.kind, xy, score, side.invalid)
-
-
-def _fill(points: TrackPoints, time: Int64) -> TrackPoints:
-    """Add points, on a straight line in time, at the steps between two points of a track."""
     left = np.flatnonzero((np.diff(points.track) == 0) & (np.diff(points.step) > 1))
     missing = points.step[left + 1] - points.step[left] - 1
     row = np.repeat(left, missing)
@@ -71,26 +66,8 @@ def _fill(points: TrackPoints, time: Int64) -> TrackPoints:
     xy = (1.0 - weight)[:, None] * before.xy + weight[:, None] * after.xy
     score = (1.0 - weight) * before.score + weight * after.score
     added = TrackPoints(step, after.track, after.kind, xy, score, after.invalid)
-    return TrackPoints(*map(np.concatenate, zip(points.columns, added.columns, strict=True)))
-
-
-def _sort(points: TrackPoints) -> TrackPoints:
+    points = TrackPoints(*map(np.concatenate, zip(points.columns, added.columns, strict=True)))
     return points[np.lexsort((points.track, points.xy[:, 1], points.xy[:, 0], points.step))]
-
-
-def _time(sequence: Sequence) -> Int64:
-    """Stamps (S,), or frames where the source has no stamps."""
-    steps = sequence.steps
-    time = steps.stamp_ns if steps.stamp_ns.any() else steps.frame
-    same = np.diff(steps.stream) == 0
-    if (np.diff(time)[same] <= 0).any():
-        frame = steps.frame[1:][same & (np.diff(time) <= 0)][0]
-        raise MetricError(f"{sequence.name}, sample {frame}: not later than the sample before it")
-    return time
-
-
-if TYPE_CHECKING:
-    from fbench.metrics.profiles.nuscenes.kernels import Candidates
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +99,9 @@ class Clip:
         )  # fmt: skip
 
     @property
-    def candidates(self) -> "Candidates":
+    def candidates(self) -> Candidates:
         """What the kernels read."""
-        from fbench.metrics.profiles.nuscenes.kernels import Candidates  # numba takes a while to import
-
-        return Candidates(
-            self.truth_start, self.truth_track, self.estimate_start, self.estimate_track, self.score, self.pair_start,
-            self.pair_estimate, self.pair_m,
-        )  # fmt: skip
+        return Candidates(*(getattr(self, name) for name in Candidates._fields))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,26 +119,20 @@ def clips_of(
     sequence: str, truth: TrackPoints, estimates: TrackPoints, num_steps: int, num_classes: int, limit_m: float
 ) -> tuple[Clip, ...]:
     """Return a clip for each class of which there is any box."""
-    kinds = [kind for kind in range(num_classes) if (truth.kind == kind).any() or (estimates.kind == kind).any()]
-    return tuple(
-        _clip(sequence, kind, truth[truth.kind == kind], estimates[estimates.kind == kind], num_steps, limit_m)
-        for kind in kinds
-    )
-
-
-def _clip(sequence: str, kind: int, truth: TrackPoints, estimates: TrackPoints, num_steps: int, limit_m: float) -> Clip:
     from fbench.metrics.profiles.nuscenes.kernels import near_pairs, sweep  # numba takes a while to import
 
-    truth_start, estimate_start = _starts(truth, num_steps), _starts(estimates, num_steps)
-    pairs = near_pairs(truth.xy, truth_start, estimates.xy, estimate_start, estimates.invalid, limit_m)
-    tracks, truth_track = np.unique(truth.track, return_inverse=True)
-    clip = Clip(
-        sequence, kind, len(tracks), truth_start, truth_track.astype(np.int32), estimate_start,
-        estimates.track.astype(np.int32), estimates.score, *pairs,
-    )  # fmt: skip
-    _, _, continued = sweep(np.array([-np.inf]), clip.candidates, len(tracks))
-    return replace(clip, matched_score=estimates.score[continued])
-
-
-def _starts(points: TrackPoints, num_steps: int) -> Array:
-    return np.searchsorted(points.step, np.arange(num_steps + 1)).astype(np.int32)
+    clips, steps = [], np.arange(num_steps + 1)
+    for kind in range(num_classes):
+        true, said = truth[truth.kind == kind], estimates[estimates.kind == kind]
+        if not len(true.step) and not len(said.step):
+            continue
+        truth_start, start = (np.searchsorted(side.step, steps).astype(np.int32) for side in (true, said))
+        pairs = near_pairs(true.xy, truth_start, said.xy, start, said.invalid, limit_m)
+        tracks, truth_track = np.unique(true.track, return_inverse=True)
+        clip = Clip(
+            sequence, kind, len(tracks), truth_start, truth_track.astype(np.int32), start, said.track.astype(np.int32),
+            said.score, *pairs,
+        )  # fmt: skip
+        _, _, continued = sweep(np.array([-np.inf]), clip.candidates, len(tracks))
+        clips.append(replace(clip, matched_score=said.score[continued]))
+    return tuple(clips)

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from fbench.metrics.profiles.nuscenes.boxes import Counted, centers_xy, select_counted, sort_groups
+from fbench.metrics.profiles.nuscenes import ranking
+from fbench.metrics.profiles.nuscenes.boxes import centers_xy, select_counted, sort_groups
 from fbench.metrics.profiles.nuscenes.ranking import (
     ERRORS,
     UNDEFINED,
@@ -14,110 +15,55 @@ from fbench.metrics.profiles.nuscenes.ranking import (
     ClassRanking,
     DetectionStatistics,
     Ranking,
-    average_precision,
-    class_rankings,
-    match_errors,
-    mean_errors,
-    precision_curve,
 )
 from fbench.metrics.profiles.nuscenes.settings import DetectionSettings, center_distance
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
-from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.arrays import Float64
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence
 
-NO_TRUTH = "no truth boxes"
-
-
-@dataclass(frozen=True, eq=False)
-class _Class:
-    """One class as the devkit counts it: where it has no truth, AP is 0 and the errors are 1."""
-
-    name: str
-    ranking: ClassRanking
-    ap: Float64  # (D,)
-    errors: Float64  # (5,) NaN where the benchmark defines none
-
-    @property
-    def has_truth(self) -> bool:
-        return self.ranking.num_truth > 0
-
-
-def detection_rows(settings: DetectionSettings, statistics: DetectionStatistics, part: str) -> list[Score]:
-    """Return NDS, mAP and mean errors, then AP and errors of each class."""
-    rankings = class_rankings(statistics, len(settings.rules.classes))
-    classes = [_measured(settings, name, r) for name, r in zip(settings.rules.classes, rankings, strict=True)]
-    rows = _overall_rows(settings, classes, asdict(statistics.left_out), part)
-    for one in classes:
-        rows += _class_rows(settings, one, part)
-    return rows
-
-
-def _measured(settings: DetectionSettings, name: str, ranking: ClassRanking) -> _Class:
-    curves = [precision_curve(ranking.score, hit, ranking.num_truth) for hit in ranking.hit.T]
-    ap = [average_precision(curve.precision, settings.min_recall, settings.min_precision) for curve in curves]
-    at = settings.error_index
-    errors = mean_errors(ranking, ranking.hit[:, at], curves[at], settings.min_recall)
-    errors[[ERRORS.index(error) for error in UNDEFINED.get(name, ())]] = np.nan
-    return _Class(name, ranking, np.array(ap, np.float64), errors)
+_PRINTS = "no truth boxes (nuscenes-devkit prints {})"
 
 
 def _overall_rows(
-    settings: DetectionSettings, classes: list[_Class], left_out: Mapping[str, int], part: str
-) -> list[Score]:
-    mean_ap = float(np.mean([one.ap.mean() for one in classes]))
-    errors = np.nanmean([one.errors for one in classes], axis=0)
-    quality = np.maximum(0.0, 1.0 - errors).sum()
+    settings: DetectionSettings, rankings: list[ClassRanking], precisions: list[Float64], errors: list[Float64],
+    left_out: Mapping[str, int], part: str,
+) -> list[Score]:  # fmt: skip
+    mean_ap, means = float(np.mean([ap.mean() for ap in precisions])), np.nanmean(errors, axis=0)
+    quality = np.maximum(0.0, 1.0 - means).sum()
     nds = (settings.map_weight * mean_ap + quality) / (settings.map_weight + len(ERRORS))
-    found = [one for one in classes if one.has_truth]
+    num_found = sum(one.num_truth > 0 for one in rankings)
     counts = {
-        "gt": sum(one.ranking.num_truth for one in classes),
-        "estimates": sum(len(one.ranking.score) for one in classes),
-        "classes_without_truth": len(classes) - len(found),
-        **left_out,
-    }
-
-    def row(metric: str, value: float, matching: str, unit: str, prints: str) -> Score:
-        reason = None if found else f"{NO_TRUTH} (nuscenes-devkit prints {prints})"
-        return Score(metric, "all", part, matching, value if found else None, reason, unit, counts)
-
-    rows = [
-        row("nds", float(nds), settings.matching, "1", f"{nds:g}"),
-        row("map", mean_ap, settings.matching, "1", "0"),
-    ]
-    for name, value in zip(ERRORS, errors, strict=True):
-        rows.append(row(f"m{name}", float(value), settings.error_matching, UNITS[name], "1"))
+        "gt": sum(one.num_truth for one in rankings), "estimates": sum(len(one.score) for one in rankings),
+        "classes_without_truth": len(rankings) - num_found, **left_out,
+    }  # fmt: skip
+    how = settings.error_matching
+    table = [("nds", nds, settings.matching, "1", f"{nds:g}"), ("map", mean_ap, settings.matching, "1", "0")]
+    table += [(f"m{name}", own, how, UNITS[name], "1") for name, own in zip(ERRORS, means, strict=True)]
+    rows = []
+    for metric, value, how, unit, prints in table:
+        reason = None if num_found else _PRINTS.format(prints)
+        rows.append(Score(metric, "all", part, how, float(value) if num_found else None, reason, unit, counts))
     return rows
 
 
-def _class_rows(settings: DetectionSettings, one: _Class, part: str) -> list[Score]:
-    def row(metric: str, value: float, matching: str, unit: str, prints: str, hits: int) -> Score:
-        reason = None if one.has_truth else f"{NO_TRUTH} (nuscenes-devkit prints {prints})"
+def _class_rows(
+    settings: DetectionSettings, name: str, one: ClassRanking, ap: Float64, errors: Float64, part: str
+) -> list[Score]:
+    hits = one.hit.sum(axis=0).tolist()
+    table = [("mean_dist_ap", ap.mean(), settings.matching, "1", "0", max(hits, default=0))]
+    bev = [str(Match("bev", distance_m)) for distance_m in settings.distances_m]
+    table += [("ap", own, how, "1", "0", num) for own, how, num in zip(ap, bev, hits, strict=True)]
+    how, num = settings.error_matching, hits[settings.error_index]
+    table += [(error, own, how, UNITS[error], "1", num) for error, own in zip(ERRORS, errors, strict=True)]
+    rows = []
+    for metric, value, how, unit, prints, tp in table:
+        reason = None if one.num_truth else _PRINTS.format(prints)
         if np.isnan(value):
-            reason = f"not defined for {one.name} (nuscenes-devkit prints nan)"
-        counts = _counts(one.ranking, hits)
-        return Score(metric, one.name, part, matching, value if reason is None else None, reason, unit, counts)
-
-    hits = one.ranking.hit.sum(axis=0)
-    rows = [row("mean_dist_ap", float(one.ap.mean()), settings.matching, "1", "0", int(hits.max(initial=0)))]
-    for d, distance_m in enumerate(settings.distances_m):
-        rows.append(row("ap", float(one.ap[d]), str(Match("bev", distance_m)), "1", "0", int(hits[d])))
-    at = int(hits[settings.error_index])
-    for name, value in zip(ERRORS, one.errors, strict=True):
-        rows.append(row(name, float(value), settings.error_matching, UNITS[name], "1", at))
+            reason = f"not defined for {name} (nuscenes-devkit prints nan)"
+        counts = {"gt": one.num_truth, "tp": tp, "fp": len(one.score) - tp, "fn": one.num_truth - tp}
+        rows.append(Score(metric, name, part, how, float(value) if reason is None else None, reason, unit, counts))
     return rows
-
-
-def _counts(ranking: ClassRanking, tp: int) -> dict[str, int]:
-    return {"gt": ranking.num_truth, "tp": tp, "fp": len(ranking.score) - tp, "fn": ranking.num_truth - tp}
-
-
-_FACTS = Facts(
-    judges_tracks=False, space="3d", family="nuscenes", needs_ego=True, ranks_by_file=True,
-    headlines=Headlines(
-        ("nds", "map", "mate", "mase", "maoe", "mave", "maae", "mean_dist_ap", "ate", "ase", "aoe", "ave", "aae")
-    ),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -132,10 +78,12 @@ class NuscenesDetection:
     name: str = "nuscenes-detection"
     summary: str = "detection_cvpr_2019 as nuscenes-devkit 1.2.0 counts it"
 
-    @property
-    def facts(self) -> Facts:
-        """What it judges, and what it needs for that."""
-        return _FACTS
+    facts: ClassVar[Facts] = Facts(
+        judges_tracks=False, space="3d", family="nuscenes", needs_ego=True, ranks_by_file=True,
+        headlines=Headlines(
+            ("nds", "map", "mate", "mase", "maoe", "mave", "maae", "mean_dist_ap", "ate", "ase", "aoe", "ave", "aae")
+        ),
+    )  # fmt: skip
 
     @property
     def result_labels(self) -> frozenset[str]:
@@ -154,46 +102,49 @@ class NuscenesDetection:
         """Return what each result of one sequence hit. Raises MetricError where it can't be scored: an id twice in a
         sample (GT003), no boxes in space, too many results.
         """
-        boxes = select_counted(sequence, self.settings.rules)
-        order, partner = self._matches(boxes, len(sequence.steps))
-        return DetectionStatistics((self._ranking(sequence, boxes, order, partner),), boxes.left_out)
-
-    def scores(self, statistics: DetectionStatistics, part: str) -> list[Score]:
-        """Return NDS, mAP and mean errors, then AP and errors of each class."""
-        return detection_rows(self.settings, statistics, part)
-
-    def _matches(self, boxes: Counted, num_steps: int) -> tuple[Int64, Int64]:
-        """Return the order (M,) in which estimates choose, and the truth row (M, D) of each in that order, or -1."""
         from fbench.metrics.profiles.nuscenes.kernels import match_nearest  # numba takes a while to import
 
-        num_classes = len(self.settings.rules.classes)
+        boxes, num_classes = select_counted(sequence, self.settings.rules), len(self.settings.rules.classes)
+        estimates, num_steps = boxes.estimates, len(sequence.steps)
         rows, truth_start = sort_groups(boxes.truth, num_classes, num_steps)
-        order, estimate_start = sort_groups(boxes.estimates, num_classes, num_steps, by_score=True)
-        truth_xy, estimate_xy = centers_xy(boxes.truth)[rows], centers_xy(boxes.estimates)[order]
+        order, start = sort_groups(estimates, num_classes, num_steps, by_score=True)  # in which estimates choose
+        truth_xy, xy = centers_xy(boxes.truth)[rows], centers_xy(estimates)[order]
         limits_m = np.array(self.settings.distances_m, np.float64)
-        invalid = boxes.estimates.invalid[order]
-        partner = match_nearest(truth_xy, truth_start, estimate_xy, estimate_start, invalid, limits_m)
-        return order, np.append(rows, -1)[partner]
-
-    def _ranking(self, sequence: Sequence, boxes: Counted, order: Int64, partner: Int64) -> Ranking:
-        step = boxes.estimates.boxes.step[order]
-        score = boxes.estimates.boxes.score[order]
-        of_error = partner[:, self.settings.error_index]
-        has_error = of_error >= 0
-        return Ranking(
+        partner = match_nearest(truth_xy, truth_start, xy, start, estimates.invalid[order], limits_m)
+        of_error = np.append(rows, -1)[partner[:, self.settings.error_index]]
+        has_error, step, score = of_error >= 0, estimates.boxes.step[order], estimates.boxes.score[order]
+        error = np.zeros((0, len(ERRORS)))
+        if has_error.any():
+            error = ranking.match_errors(boxes.truth.boxes[of_error[has_error]], estimates.boxes[order[has_error]])
+        own = Ranking(
             sequence=sequence.name,
-            num_truth=np.bincount(boxes.truth.kind, minlength=len(self.settings.rules.classes)),
+            num_truth=np.bincount(boxes.truth.kind, minlength=num_classes),
             frame=sequence.steps.frame[step],
-            place=order - np.searchsorted(boxes.estimates.boxes.step, step),
-            kind=boxes.estimates.kind[order].astype(np.int8),
+            place=order - np.searchsorted(estimates.boxes.step, step),
+            kind=estimates.kind[order].astype(np.int8),
             score=np.where(np.isfinite(score), score, np.nan),
             hit=partner >= 0,
-            error=_errors(boxes, of_error[has_error], order[has_error]),
+            error=error,
             has_error=has_error,
         )
+        return DetectionStatistics((own,), boxes.left_out)
 
+    def scores(self, statistics: DetectionStatistics, part: str) -> list[Score]:
+        """Return NDS, mAP and mean errors, then AP and errors of each class.
 
-def _errors(boxes: Counted, truth: Int64, estimates: Int64) -> Float64:
-    if not len(truth):
-        return np.zeros((0, len(ERRORS)))
-    return match_errors(boxes.truth.boxes[truth], boxes.estimates.boxes[estimates])
+        A class counts as in the devkit: where it has no truth, AP is 0 and the errors are 1; NaN where none is defined.
+        """
+        settings = self.settings
+        names, at = settings.rules.classes, settings.error_index
+        rankings = ranking.class_rankings(statistics, len(names))
+        precisions, errors = [], []
+        for name, one in zip(names, rankings, strict=True):
+            curves = [ranking.precision_curve(one.score, hit, one.num_truth) for hit in one.hit.T]
+            limits = settings.min_recall, settings.min_precision
+            precisions.append(np.array([ranking.average_precision(c.precision, *limits) for c in curves], np.float64))
+            errors.append(ranking.mean_errors(one, one.hit[:, at], curves[at], settings.min_recall))
+            errors[-1][[ERRORS.index(error) for error in UNDEFINED.get(name, ())]] = np.nan
+        rows = _overall_rows(settings, rankings, precisions, errors, asdict(statistics.left_out), part)
+        for name, one, ap, own in zip(names, rankings, precisions, errors, strict=True):
+            rows += _class_rows(settings, name, one, ap, own, part)
+        return rows

@@ -1,33 +1,23 @@
 """Compiled matching of the nuScenes benchmarks."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from fbench.metrics.core.assignment_kernel import assign
+from fbench.metrics.profiles.nuscenes.boxes import Candidates
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
 
 @kernel
 def match_nearest(
-    truth_xy: Float64,
-    truth_start: Int64,
-    estimate_xy: Float64,
-    estimate_start: Int64,
-    invalid: Bool,
-    limits_m: Float64,
+    truth_xy: Float64, truth_start: Int64, estimate_xy: Float64, estimate_start: Int64, invalid: Bool, limits_m: Float64
 ) -> Array:
-    """Return the truth row (M, D) of each estimate at each of D largest distances, -1 where there is none.
+    """Return the truth row (M, D) of each estimate at each of the D limits below which pairs match, -1: there is none.
 
-    Args:
-        truth_xy: (N, 2) centers [m], sorted by group (one class of one sample); the first of equally near ones wins.
-        truth_start: (G + 1,) offsets of the groups.
-        estimate_xy: (M, 2) centers [m], sorted by group, then best score first.
-        estimate_start: (G + 1,)
-        invalid: (M,) estimates that match nothing.
-        limits_m: (D,) pairs match below this distance.
+    Centers (N, 2) and (M, 2) [m] are sorted by group, one class of one sample, with offsets (G + 1,), and estimates in
+    it best score first; the first of equally near truth boxes wins. Estimates that are `invalid` (M,) match nothing.
     """
     partner, taken = np.empty((len(estimate_xy), len(limits_m)), np.int64), np.empty(len(truth_xy), np.bool_)
     for d in range(len(limits_m)):
@@ -50,19 +40,6 @@ def match_nearest(
                     taken[nearest] = True
                     partner[e, d] = nearest
     return partner
-
-
-class Candidates(NamedTuple):
-    """Boxes of one class of one sequence, by step, and the pairs of them that are near; int32 but for the reals."""
-
-    truth_start: Array  # (S + 1,) offsets of steps
-    truth_track: Array  # (N,)
-    estimate_start: Array  # (S + 1,)
-    estimate_track: Array  # (M,)
-    score: Array  # (M,)
-    pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
-    pair_estimate: Array  # (P,) rows
-    pair_m: Array  # (P,) distances
 
 
 TP, IDS, FP, FN, FRAMES, MT, ML, FRAG, FOUND, LATE, GAP = range(11)

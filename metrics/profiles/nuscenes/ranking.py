@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.profiles.nuscenes.boxes import LeftOut, solids
+from fbench.metrics.profiles.nuscenes.boxes import LeftOut, distances_m, solids
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
 from fbench.replay.data.sequences import Objects
 
@@ -59,24 +59,18 @@ def class_rankings(statistics: DetectionStatistics, num_classes: int) -> list[Cl
     frame, place, kind, score, hit = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("frame", "place", "kind", "score", "hit")
     )
-    error = np.concatenate([_spread(part) for part in parts])
+    error = np.full((len(score), parts[0].error.shape[1]), np.nan)
+    error[np.concatenate([part.has_error for part in parts])] = np.concatenate([part.error for part in parts])
     num_truth = np.sum([part.num_truth for part in parts], axis=0)
-    first = np.where(np.isnan(score), -np.inf, -score)
-    order = np.lexsort((place, frame, sequence, first, kind))
+    order = np.lexsort((place, frame, sequence, np.where(np.isnan(score), -np.inf, -score), kind))
     ends = np.searchsorted(kind[order], np.arange(num_classes + 1))
-    rows = [order[ends[c] : ends[c + 1]] for c in range(num_classes)]
-    return [ClassRanking(int(num_truth[c]), _fill(score[own]), hit[own], error[own]) for c, own in enumerate(rows)]
-
-
-def _spread(part: Ranking) -> Float64:
-    error = np.full((len(part.score), part.error.shape[1]), np.nan)
-    error[part.has_error] = part.error
-    return error
-
-
-def _fill(score: Float64) -> Float64:
-    unknown = np.isnan(score)
-    return np.where(unknown, score[~unknown][0] if not unknown.all() else 0.0, score)
+    rankings = []
+    for c in range(num_classes):
+        own = order[ends[c] : ends[c + 1]]
+        known = score[own][~np.isnan(score[own])]
+        best = np.where(np.isnan(score[own]), known[0] if len(known) else 0.0, score[own])
+        rankings.append(ClassRanking(int(num_truth[c]), best, hit[own], error[own]))
+    return rankings
 
 
 NUM_RECALLS = 101  # Precision is read at recalls 0, 0.01 ... 1.
@@ -92,8 +86,7 @@ class Curve:
     @property
     def last(self) -> int:
         """Index of the highest recall achieved: the last score that isn't 0."""
-        used = np.flatnonzero(self.confidence)
-        return int(used[-1]) if len(used) else 0
+        return int(np.flatnonzero(self.confidence).max(initial=0))
 
 
 def precision_curve(score: Float64, hit: Bool, num_truth: int) -> Curve:
@@ -108,7 +101,7 @@ def precision_curve(score: Float64, hit: Bool, num_truth: int) -> Curve:
 
 def average_precision(precision: Float64, min_recall: float, min_precision: float) -> float:
     """Mean of precision (101,) above `min_recall`, less `min_precision` and floored at 0, as share of its maximum."""
-    kept = np.maximum(precision[_first(min_recall) :] - min_precision, 0.0)
+    kept = np.maximum(precision[round((NUM_RECALLS - 1) * min_recall) + 1 :] - min_precision, 0.0)
     return float(np.mean(kept)) / (1.0 - min_precision)
 
 
@@ -118,8 +111,7 @@ def mean_errors(ranking: ClassRanking, hit: Bool, curve: Curve, min_recall: floa
     Recalls up to `min_recall` are left out; where no higher one is achieved, every error is 1. An error that no hit
     has (NaN) is 1 too.
     """
-    first, last = _first(min_recall), curve.last
-    num = ranking.error.shape[1]
+    first, last, num = round((NUM_RECALLS - 1) * min_recall) + 1, curve.last, ranking.error.shape[1]
     if last < first or not hit.any():
         return np.ones(num)
     score, errors = ranking.score[hit][::-1], ranking.error[hit]
@@ -138,10 +130,6 @@ def cumulative_mean(values: Array) -> Float64:
     return mean
 
 
-def _first(min_recall: float) -> int:
-    return round((NUM_RECALLS - 1) * min_recall) + 1
-
-
 ERRORS = ("ate", "ase", "aoe", "ave", "aae")
 UNITS = {"ate": "m", "ase": "1", "aoe": "rad", "ave": "m/s", "aae": "1"}
 UNDEFINED = {"traffic_cone": ("aoe", "ave", "aae"), "barrier": ("ave", "aae")}
@@ -152,50 +140,19 @@ HALF_TURN = ("barrier",)  # Their two ends look alike: orientation counts modulo
 def match_errors(truth: Objects, estimates: Objects) -> Float64:
     """Errors (K, 5) of K pairs, in the order of `ERRORS`; NaN where a velocity or the attribute of truth is unknown.
 
-    Source: nuscenes-devkit 1.2.0, eval/common/utils.py.
+    The scale error is 1 - intersection over union of boxes with one center and heading; that of yaw is the smallest
+    angle, modulo half a turn where the ends look alike. Source: nuscenes-devkit 1.2.0, eval/common/utils.py.
     """
     true, said = solids(truth), solids(estimates)
-    half_turn = np.isin(truth.label, HALF_TURN)
-    errors: Float64 = np.stack(
-        [
-            _norm(said.center_m[:, :2] - true.center_m[:, :2]),
-            1 - _scale_iou(true.size_lwh_m, said.size_lwh_m),
-            _yaw_error(true.yaw_rad, said.yaw_rad, np.where(half_turn, np.pi, 2 * np.pi)),
-            _velocity_error(truth, estimates),
-            _attribute_error(truth, estimates),
-        ],
-        axis=1,
-    )
-    return errors
-
-
-def _norm(xy: Array) -> Float64:
-    norm: Float64 = np.sqrt(xy[:, 0] ** 2 + xy[:, 1] ** 2)
-    return norm
-
-
-def _scale_iou(a: Array, b: Array) -> Float64:
-    """Intersection over union (K,) of boxes with one center and heading."""
-    shared = np.minimum(a, b).prod(axis=1)
-    iou: Float64 = shared / (a.prod(axis=1) + b.prod(axis=1) - shared)
-    return iou
-
-
-def _yaw_error(truth: Array, estimates: Array, period: Array) -> Float64:
-    """Smallest angle (K,) between headings, modulo `period`."""
-    turn = (truth - estimates + period / 2) % period - period / 2
-    error: Float64 = np.abs(turn)
-    return error
-
-
-def _velocity_error(truth: Objects, estimates: Objects) -> Float64:
-    if truth.velocity_mps is None or estimates.velocity_mps is None:
-        return np.full(len(truth), np.nan)
-    return _norm(estimates.velocity_mps[:, :2] - truth.velocity_mps[:, :2])
-
-
-def _attribute_error(truth: Objects, estimates: Objects) -> Float64:
-    if truth.attribute is None:
-        return np.full(len(truth), np.nan)
-    said = np.full(len(truth), "") if estimates.attribute is None else estimates.attribute
-    return np.where(truth.attribute == "", np.nan, (truth.attribute != said).astype(np.float64))
+    shared = np.minimum(true.size_lwh_m, said.size_lwh_m).prod(axis=1)
+    iou = shared / (true.size_lwh_m.prod(axis=1) + said.size_lwh_m.prod(axis=1) - shared)
+    period = np.where(np.isin(truth.label, HALF_TURN), np.pi, 2 * np.pi)
+    turn = (true.yaw_rad - said.yaw_rad + period / 2) % period - period / 2
+    velocity = attribute = np.full(len(truth), np.nan)
+    if truth.velocity_mps is not None and estimates.velocity_mps is not None:
+        velocity = distances_m(estimates.velocity_mps[:, :2] - truth.velocity_mps[:, :2])
+    if truth.attribute is not None:
+        own = np.full(len(truth), "") if estimates.attribute is None else estimates.attribute
+        attribute = np.where(truth.attribute == "", np.nan, (truth.attribute != own).astype(np.float64))
+    place = distances_m(said.center_m[:, :2] - true.center_m[:, :2])
+    return np.stack([place, 1 - iou, np.abs(turn), velocity, attribute], axis=1)

@@ -23,35 +23,15 @@ class BoxRules:
         return tuple(name for name, _ in self.class_range_m)
 
 
-_VEHICLES_M, _PEOPLE_M, _STATIC_M = 50.0, 40.0, 30.0
-
-DETECTION_RULES = BoxRules(
-    (
-        ("car", _VEHICLES_M),
-        ("truck", _VEHICLES_M),
-        ("bus", _VEHICLES_M),
-        ("trailer", _VEHICLES_M),
-        ("construction_vehicle", _VEHICLES_M),
-        ("pedestrian", _PEOPLE_M),
-        ("motorcycle", _PEOPLE_M),
-        ("bicycle", _PEOPLE_M),
-        ("traffic_cone", _STATIC_M),
-        ("barrier", _STATIC_M),
-    )
-)
+_RANGE_M = {
+    **dict.fromkeys(("car", "truck", "bus", "trailer", "construction_vehicle"), 50.0),
+    **dict.fromkeys(("pedestrian", "motorcycle", "bicycle"), 40.0),
+    **dict.fromkeys(("traffic_cone", "barrier"), 30.0),
+}
+DETECTION_RULES = BoxRules(tuple(_RANGE_M.items()))
 """`detection_cvpr_2019.json`"""
-
-TRACKING_RULES = BoxRules(
-    (
-        ("bicycle", _PEOPLE_M),
-        ("bus", _VEHICLES_M),
-        ("car", _VEHICLES_M),
-        ("motorcycle", _PEOPLE_M),
-        ("pedestrian", _PEOPLE_M),
-        ("trailer", _VEHICLES_M),
-        ("truck", _VEHICLES_M),
-    )
-)
+_TRACKED = ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck")
+TRACKING_RULES = BoxRules(tuple((name, _RANGE_M[name]) for name in _TRACKED))
 """`tracking_nips_2019.json`"""
 
 

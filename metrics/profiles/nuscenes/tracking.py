@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from math import fsum
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -11,65 +11,19 @@ from fbench.metrics.profiles.nuscenes.boxes import check_tracked, select_counted
 from fbench.metrics.profiles.nuscenes.clips import Clip, TrackingStatistics, clips_of, track_points
 from fbench.metrics.profiles.nuscenes.settings import TrackingSettings, center_distance
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
-from fbench.replay.data.arrays import Array, Float64
+from fbench.replay.data.arrays import Float64
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence as Sequence_of_sequence
-
-
-@dataclass(frozen=True, eq=False)
-class Sweep:
-    """Counts of one class over all sequences at the T thresholds that are reached, highest recall first."""
-
-    threshold: Float64  # (T,)
-    counts: Array  # (T, 11), columns as in `fbench.metrics.profiles.nuscenes.kernels`
-    total_m: Float64  # (T,) sum of the distances of all pairs
-
-    def num(self, name: str) -> Float64:
-        """One of the counts (T,)."""
-        from fbench.metrics.profiles.nuscenes.kernels import COUNTS  # numba takes a while to import
-
-        num: Float64 = self.counts[:, COUNTS.index(name)].astype(np.float64)
-        return num
-
-
-def sweep_class(clips: Sequence[Clip], settings: TrackingSettings) -> Sweep:
-    """Find the thresholds of one class and count at each."""
-    from fbench.metrics.profiles.nuscenes.kernels import COUNTS, sweep  # numba takes a while to import
-
-    threshold = _thresholds(clips, settings)
-    distinct, index = np.unique(threshold, return_inverse=True)
-    counts = np.zeros((len(distinct), len(COUNTS)), np.int64)
-    meters = []
-    for clip in clips:
-        own, own_m, _ = sweep(distinct, clip.candidates, clip.num_truth_tracks)
-        counts += own
-        meters.append(own_m)
-    total_m = np.array([fsum(column) for column in zip(*meters, strict=True)])  # exact, so their order is no matter
-    return Sweep(threshold, counts[index], total_m[index])
-
-
-def _thresholds(clips: Sequence[Clip], settings: TrackingSettings) -> Float64:
-    """Scores (T,) at which the recalls from `min_recall` to 1 would be reached, as far as they are; highest first.
-
-    Interpolated between the scores of matches when all results are taken (nuscenes-devkit 1.2.0,
-    eval/tracking/algo.py, `compute_thresholds`), so the recall at a threshold is another one.
-    """
-    num_truth = sum(len(clip.truth_track) for clip in clips)
-    score = np.sort(np.concatenate([clip.matched_score for clip in clips]))[::-1]
-    if not len(score):
-        return np.zeros(0)
-    recall = np.arange(1, len(score) + 1) / num_truth
-    wanted = np.linspace(settings.min_recall, 1, settings.num_thresholds).round(12)
-    reached = wanted[wanted <= recall[-1]]
-    threshold: Float64 = np.interp(reached, recall, score, right=0)[::-1].copy()
-    return threshold
-
 
 UNITS = {
     "amota": "1", "amotp": "m", "recall": "1", "motar": "1", "gt": "1", "mota": "1", "motp": "m", "mt": "1", "ml": "1",
     "faf": "1", "tp": "1", "fp": "1", "fn": "1", "ids": "1", "frag": "1", "tid": "s", "lgd": "s",
 }  # fmt: skip
 """The metrics and their units; `faf` is false positives per 100 samples."""
+
+
+SUMMED = ("mt", "ml", "tp", "fp", "fn", "ids", "frag")
+"""Over classes; all others are averaged, `gt` too (nuscenes-devkit 1.2.0, eval/tracking/data_classes.py)."""
 
 
 @dataclass(frozen=True)
@@ -89,44 +43,65 @@ def class_values(clips: Sequence[Clip], settings: TrackingSettings) -> ClassValu
     num_truth = sum(len(clip.truth_track) for clip in clips)
     if not num_truth:
         return ClassValues(0, 0, None, 0, dict.fromkeys(UNITS, np.nan))
-    swept = sweep_class(clips, settings)
-    if not len(swept.threshold):
-        return ClassValues(num_truth, 0, None, 0, _nothing(clips, num_truth, settings))
-    metrics = _curves(swept, num_truth, settings)
+    thresholds = _thresholds(clips, num_truth, settings)
+    if not len(thresholds):  # what the devkit puts where no result ever matches
+        values = dict.fromkeys(UNITS, 0.0)
+        values |= dict.fromkeys(("fp", "ids", "frag"), np.nan) | {"gt": num_truth, "fn": num_truth}
+        values |= {"motp": settings.worst_amotp_m, "amotp": settings.worst_amotp_m, "faf": settings.worst_faf}
+        values |= {"tid": settings.worst_duration_s, "lgd": settings.worst_duration_s}
+        values |= {"ml": sum(clip.num_truth_tracks for clip in clips)}
+        return ClassValues(num_truth, 0, None, 0, values)
+    counts, total_m = _sweep(clips, thresholds)
+    metrics = _curves(counts, total_m, num_truth, settings)
     best = int(np.argmax(metrics["mota"]))  # the highest recall among equals
     values = {name: float(curve[best]) for name, curve in metrics.items()}
     values["amota"] = _mean(metrics["motar"], settings.worst_amota, settings)
     values["amotp"] = _mean(metrics["motp"], settings.worst_amotp_m, settings)
-    frames = swept.num("frames")
-    return ClassValues(num_truth, len(swept.threshold), float(swept.threshold[best]), int(frames[best]), values)
+    return ClassValues(num_truth, len(thresholds), float(thresholds[best]), int(counts["frames"][best]), values)
 
 
-def _curves(swept: Sweep, num_truth: int, settings: TrackingSettings) -> dict[str, Float64]:
+def _thresholds(clips: Sequence[Clip], num_truth: int, settings: TrackingSettings) -> Float64:
+    """Scores (T,) at which the recalls from `min_recall` to 1 would be reached, as far as they are; highest first.
+
+    Interpolated between the scores of matches when all results are taken (nuscenes-devkit 1.2.0,
+    eval/tracking/algo.py, `compute_thresholds`), so the recall at a threshold is another one.
+    """
+    score = np.sort(np.concatenate([clip.matched_score for clip in clips]))[::-1]
+    if not len(score):
+        return np.zeros(0)
+    recall = np.arange(1, len(score) + 1) / num_truth
+    wanted = np.linspace(settings.min_recall, 1, settings.num_thresholds).round(12)
+    threshold: Float64 = np.interp(wanted[wanted <= recall[-1]], recall, score, right=0)[::-1].copy()
+    return threshold
+
+
+def _sweep(clips: Sequence[Clip], thresholds: Float64) -> tuple[dict[str, Float64], Float64]:
+    """Counts (T,) of one class over all sequences by name, and the sum of the distances of all pairs (T,) [m]."""
+    from fbench.metrics.profiles.nuscenes.kernels import COUNTS, sweep  # numba takes a while to import
+
+    distinct, index = np.unique(thresholds, return_inverse=True)
+    found = [sweep(distinct, clip.candidates, clip.num_truth_tracks) for clip in clips]
+    counts = np.sum([own for own, _, _ in found], axis=0)[index].T.astype(np.float64)
+    # Exact, so that the order of clips is no matter.
+    total_m = np.array([fsum(column) for column in zip(*(own_m for _, own_m, _ in found), strict=True)])
+    return dict(zip(COUNTS, counts, strict=True)), total_m[index]
+
+
+def _curves(n: dict[str, Float64], total_m: Float64, num_truth: int, settings: TrackingSettings) -> dict[str, Float64]:
     """Each metric (T,) at the thresholds that are reached; nuscenes-devkit 1.2.0, eval/tracking/metrics.py."""
-    counts = {name: swept.num(name) for name in ("tp", "ids", "fp", "fn", "mt", "ml", "frag")}
-    tp, ids, fp, fn, found = (*(counts[name] for name in ("tp", "ids", "fp", "fn")), swept.num("found"))
-    recall = tp / num_truth  # for MOTAR, without switches
-    wrong = fn + ids + fp
+    recall = n["tp"] / num_truth  # for MOTAR, without switches
+    wrong = n["fn"] + n["ids"] + n["fp"]
     motar = 1 - _share(wrong - (1 - recall) * num_truth, recall * num_truth)
-    return counts | {
-        "recall": (tp + ids) / num_truth,
+    return {name: n[name] for name in ("tp", "ids", "fp", "fn", "mt", "ml", "frag")} | {
+        "recall": (n["tp"] + n["ids"]) / num_truth,
         "motar": np.maximum(0.0, motar),  # keeps NaN
-        "gt": np.full(len(tp), num_truth, np.float64),
+        "gt": np.full(len(recall), num_truth, np.float64),
         "mota": np.maximum(0.0, 1 - wrong / num_truth),
-        "motp": _share(swept.total_m, tp + ids),
-        "faf": 100 * _share(fp, swept.num("frames")),
-        "tid": settings.sample_s * _share(swept.num("late"), found),
-        "lgd": settings.sample_s * _share(swept.num("gap"), found),
+        "motp": _share(total_m, n["tp"] + n["ids"]),
+        "faf": 100 * _share(n["fp"], n["frames"]),
+        "tid": settings.sample_s * _share(n["late"], n["found"]),
+        "lgd": settings.sample_s * _share(n["gap"], n["found"]),
     }
-
-
-def _nothing(clips: Sequence[Clip], num_truth: int, settings: TrackingSettings) -> dict[str, float]:
-    """What the devkit puts where no result ever matches."""
-    values = dict.fromkeys(UNITS, 0.0)
-    values |= dict.fromkeys(("fp", "ids", "frag"), np.nan) | {"gt": num_truth, "fn": num_truth}
-    values |= {"motp": settings.worst_amotp_m, "amotp": settings.worst_amotp_m, "faf": settings.worst_faf}
-    values |= {"tid": settings.worst_duration_s, "lgd": settings.worst_duration_s}
-    return values | {"ml": sum(clip.num_truth_tracks for clip in clips)}
 
 
 def _share(part: Float64, whole: Float64) -> Float64:
@@ -140,87 +115,6 @@ def _mean(curve: Float64, worst: float, settings: TrackingSettings) -> float:
         return float("nan")
     missing = settings.num_thresholds - len(curve)
     return float(np.mean(np.append(np.full(missing, worst), np.where(np.isnan(curve), worst, curve))))
-
-
-SUMMED = ("mt", "ml", "tp", "fp", "fn", "ids", "frag")
-"""Over classes; all others are averaged, `gt` too (nuscenes-devkit 1.2.0, eval/tracking/data_classes.py)."""
-
-
-def tracking_rows(settings: TrackingSettings, statistics: TrackingStatistics, part: str) -> list[Score]:
-    """Return all metrics over the classes, then of each class."""
-    names = settings.rules.classes
-    classes = {
-        name: class_values([clip for clip in statistics.clips if clip.kind == kind], settings)
-        for kind, name in enumerate(names)
-    }
-    rows = _overall_rows(settings, classes, asdict(statistics.left_out), part)
-    for name, one in classes.items():
-        for metric in UNITS:
-            value = one.values[metric]
-            rows.append(_row(settings, metric, name, part, value, _why(one), _counts(one)))
-    return rows
-
-
-def _overall_rows(
-    settings: TrackingSettings, classes: Mapping[str, ClassValues], left_out: Mapping[str, int], part: str
-) -> list[Score]:
-    found = [one for one in classes.values() if one.num_truth]
-    sums = {name: int(sum(_known([one.values[name] for one in found]))) for name in ("tp", "fp", "fn", "ids")}
-    counts = {"gt": sum(one.num_truth for one in found), **sums, **left_out}
-    counts["classes_without_truth"] = len(classes) - len(found)
-    rows = []
-    for metric in UNITS:
-        known = _known([one.values[metric] for one in found])
-        total = (float(np.sum(known)) if metric in SUMMED else float(np.mean(known))) if known else np.nan
-        why = "nothing matched in any class" if found else "no truth boxes"
-        rows.append(_row(settings, metric, "all", part, total, _prints(why, metric in SUMMED), counts))
-    return rows
-
-
-def _row(
-    settings: TrackingSettings, metric: str, name: str, part: str, value: float, why: str,
-    counts: Mapping[str, int | float],
-) -> Score:  # fmt: skip
-    known = not np.isnan(value)
-    return Score(
-        metric,
-        name,
-        part,
-        settings.matching,
-        float(value) if known else None,
-        None if known else why,
-        UNITS[metric],
-        counts,
-    )
-
-
-def _known(values: list[float]) -> list[float]:
-    return [value for value in values if not np.isnan(value)]
-
-
-def _why(one: ClassValues) -> str:
-    return _prints("nothing matched" if one.num_truth else "no truth boxes", False)
-
-
-def _prints(why: str, summed: bool) -> str:
-    return f"{why} (nuscenes-devkit prints {0 if summed else 'nan'})"
-
-
-def _counts(one: ClassValues) -> dict[str, int | float]:
-    counts: dict[str, int | float] = {"gt": one.num_truth, "frames": one.frames, "recalls_reached": one.num_reached}
-    for name in ("tp", "fp", "fn", "ids"):
-        if not np.isnan(one.values[name]):
-            counts[name] = int(one.values[name])
-    return counts if one.threshold is None else counts | {"score": one.threshold}
-
-
-_FACTS = Facts(
-    judges_tracks=True, space="3d", family="nuscenes-tracking", needs_ego=True, needs_time=True,
-    headlines=Headlines(
-        ("amota", "amotp", "recall", "motar", "mota", "motp", "mt", "ml", "faf", "tp", "fp", "fn", "ids", "frag",
-         "tid", "lgd")
-    ),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -239,10 +133,13 @@ class NuscenesTracking:
     name: str = "nuscenes-tracking"
     summary: str = "tracking_nips_2019 as nuscenes-devkit 1.2.0 with motmetrics 1.4.0 counts it"
 
-    @property
-    def facts(self) -> Facts:
-        """What it judges, and what it needs for that."""
-        return _FACTS
+    facts: ClassVar[Facts] = Facts(
+        judges_tracks=True, space="3d", family="nuscenes-tracking", needs_ego=True, needs_time=True,
+        headlines=Headlines(
+            ("amota", "amotp", "recall", "motar", "mota", "motp", "mt", "ml", "faf", "tp", "fp", "fn", "ids", "frag",
+             "tid", "lgd")
+        ),
+    )  # fmt: skip
 
     @property
     def result_labels(self) -> frozenset[str]:
@@ -269,4 +166,39 @@ class NuscenesTracking:
 
     def scores(self, statistics: TrackingStatistics, part: str) -> list[Score]:
         """Return all metrics over the classes, then of each class."""
-        return tracking_rows(self.settings, statistics, part)
+        classes = {
+            name: class_values([clip for clip in statistics.clips if clip.kind == kind], self.settings)
+            for kind, name in enumerate(self.settings.rules.classes)
+        }
+        found = [one for one in classes.values() if one.num_truth]
+        known = {m: [one.values[m] for one in found if not np.isnan(one.values[m])] for m in UNITS}
+        sums = {name: int(sum(known[name])) for name in ("tp", "fp", "fn", "ids")}
+        counts: dict[str, int | float] = {
+            "gt": sum(one.num_truth for one in found),
+            **sums,
+            **asdict(statistics.left_out),
+        }
+        counts["classes_without_truth"] = len(classes) - len(found)
+
+        def row(metric: str, class_: str, value: float, why: str, counts: Mapping[str, int | float]) -> Score:
+            printed = 0 if class_ == "all" and metric in SUMMED else "nan"
+            reason = f"{why} (nuscenes-devkit prints {printed})" if np.isnan(value) else None
+            number = None if reason else float(value)
+            return Score(metric, class_, part, self.settings.matching, number, reason, UNITS[metric], counts)
+
+        why = "nothing matched in any class" if found else "no truth boxes"
+        rows = []
+        for metric, values in known.items():
+            total = np.nan if not values else np.sum(values) if metric in SUMMED else np.mean(values)
+            rows.append(row(metric, "all", float(total), why, counts))
+        for name, one in classes.items():
+            why = "nothing matched" if one.num_truth else "no truth boxes"
+            own: dict[str, int | float] = {
+                "gt": one.num_truth,
+                "frames": one.frames,
+                "recalls_reached": one.num_reached,
+            }
+            own |= {n: int(one.values[n]) for n in ("tp", "fp", "fn", "ids") if not np.isnan(one.values[n])}
+            own |= {} if one.threshold is None else {"score": one.threshold}
+            rows += [row(metric, name, one.values[metric], why, own) for metric in UNITS]
+        return rows

@@ -4,10 +4,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from typing import NamedTuple
 
+from fbench.metrics.core.exact import Counts
 from fbench.metrics.tracking.clear import ClearCounts
 from fbench.metrics.tracking.hota import ALPHAS, HotaCounts
 from fbench.metrics.tracking.identity import IdentityCounts
@@ -15,7 +16,7 @@ from fbench.replay.data.scores import Score
 
 
 @dataclass(frozen=True)
-class ClassCounts:
+class ClassCounts(Counts):
     """CLEAR, Identity and HOTA of one class."""
 
     clear: ClearCounts = field(default_factory=ClearCounts)
@@ -23,30 +24,12 @@ class ClassCounts:
     hota: HotaCounts = field(default_factory=HotaCounts)
     num_result_tracks: int = 0
 
-    def __add__(self, other: "ClassCounts") -> "ClassCounts":
-        return ClassCounts(
-            self.clear + other.clear,
-            self.identity + other.identity,
-            self.hota + other.hota,
-            self.num_result_tracks + other.num_result_tracks,
-        )
-
-    @property
-    def num_boxes(self) -> int:
-        """Truth boxes and results that aren't matches."""
-        return self.clear.tp + self.clear.fn + self.clear.fp
-
 
 @dataclass(frozen=True)
-class TrackingCounts:
+class TrackingCounts(Counts):
     """Statistics of all classes."""
 
     classes: Mapping[str, ClassCounts]  # By name, in the profile's order
-
-    def __add__(self, other: "TrackingCounts") -> "TrackingCounts":
-        names = dict.fromkeys((*self.classes, *other.classes))
-        none = ClassCounts()
-        return TrackingCounts({n: self.classes.get(n, none) + other.classes.get(n, none) for n in names})
 
     @property
     def together(self) -> ClassCounts:
@@ -76,66 +59,56 @@ class Field(NamedTuple):
         return Score(self.metric, class_, part, matching, self.value, why, self.unit, counts)
 
 
-def plain_field(metric: str, value: Real, unit: str = "1") -> Field:
+def plain_field(metric: str, value: Real, unit: str = "1", is_count: bool = False) -> Field:
     """A number that is always defined."""
-    return Field(metric, float(value), "", float(value), unit)
+    return Field(metric, float(value), "", float(value), unit, is_count)
 
 
-def count(metric: str, value: Real) -> Field:
-    """A number of boxes, tracks or frames."""
-    return Field(metric, float(value), "", float(value), is_count=True)
+count = partial(plain_field, is_count=True)  # A number of boxes, tracks or frames
 
 
-def share(metric: str, top: Real, bottom: Real, why: str, printed: float = 0.0, text: str = "") -> Field:
-    """`top / bottom`, undefined where `bottom` is 0; the reference then prints `printed`, or what `text` says."""
-    if bottom:
-        value = divide(top, bottom)
-        return Field(metric, value, "", value)
-    return Field(metric, None, f"{why} (TrackEval prints {text or format(printed, 'g')})", printed)
-
-
-def divide(top: Real, bottom: Real) -> float:
-    """`top / bottom`, rounded once; the same as by fractions, but several times as fast."""
+def share(
+    metric: str, top: Real, bottom: Real, why: str, printed: float = 0.0, text: str = "", tool: str = "TrackEval",
+    unit: str = "1",
+) -> Field:  # fmt: skip
+    """`top / bottom`, rounded once; undefined where `bottom` is 0: then the tool prints `printed`, or `text`."""
+    if not bottom:
+        return Field(metric, None, f"{why} ({tool} prints {text or format(printed, 'g')})", printed, unit)
     if isinstance(top, float) or isinstance(bottom, float):
-        return float(top / bottom)
-    return top.numerator * bottom.denominator / (top.denominator * bottom.numerator)
+        return plain_field(metric, top / bottom, unit)
+    # The same as by fractions, but several times as fast.
+    return plain_field(metric, top.numerator * bottom.denominator / (top.denominator * bottom.numerator), unit)
 
 
 def clear_fields(c: ClearCounts, is_distance: bool) -> list[Field]:
-    """All of TrackEval's CLEAR, and `mota_no_fp`, which leaves false alarms out of MOTA."""
-    return [*_accuracies(c, is_distance), *_precision(c, is_distance), *_ratios(c), *_counts(c)]
+    """All of TrackEval's CLEAR, and `mota_no_fp`, which leaves false alarms out of MOTA.
 
+    MOTP is the mean similarity, or the mean distance [m], of matches.
+    """
 
-def _accuracies(c: ClearCounts, is_distance: bool) -> list[Field]:
-    def accuracy(metric: str, errors: float) -> Field:
-        top = c.tp - c.fp - errors
-        text = f"0 for one sequence, {top:g} for sums"
-        return share(metric, top, c.num_truth, NO_TRUTH, top, text)
+    def accuracy(metric: str, top: Real) -> Field:
+        text = f"0 for one sequence, {float(top):g} for sums"
+        return share(metric, top, c.num_truth, NO_TRUTH, float(top), text)
 
-    fields = [
-        accuracy("mota", c.switches),
-        accuracy("moda", 0),
-        accuracy("motal", math.log10(c.switches) if c.switches else 0),
-        share("mota_no_fp", c.tp - c.switches, c.num_truth, NO_TRUTH, 0.0, "no such number"),
-    ]
     if is_distance:
-        return [*fields, Field("smota", None, "matches are rated by distances, not by shares (TrackEval has none)")]
-    top = c.similarity - c.fp - c.switches
-    text = f"0 for one sequence, {float(top):g} for sums"
-    return [*fields, share("smota", top, c.num_truth, NO_TRUTH, float(top), text)]
-
-
-def _precision(c: ClearCounts, is_distance: bool) -> list[Field]:
-    """MOTP: mean similarity, or mean distance [m], of matches."""
-    if not is_distance:
-        return [share("motp", c.similarity, c.tp, NO_MATCH), plain_field("motp_sum", c.similarity)]
-    mean = float(-c.similarity / c.tp) if c.tp else None
-    return [Field("motp", mean, NO_MATCH, mean or 0.0, "m"), plain_field("motp_sum", -c.similarity, "m")]
-
-
-def _ratios(c: ClearCounts) -> list[Field]:
+        mean = float(-c.similarity / c.tp) if c.tp else None
+        smota = Field("smota", None, "matches are rated by distances, not by shares (TrackEval has none)")
+        motp = [Field("motp", mean, NO_MATCH, mean or 0.0, "m"), plain_field("motp_sum", -c.similarity, "m")]
+    else:
+        smota = accuracy("smota", c.similarity - c.fp - c.switches)
+        motp = [share("motp", c.similarity, c.tp, NO_MATCH), plain_field("motp_sum", c.similarity)]
     no_frames, text = "no frames of sequences with truth and results", f"0 for one sequence, {c.fp} for sums"
+    counts = {
+        "clr_tp": c.tp, "clr_fn": c.fn, "clr_fp": c.fp, "idsw": c.switches, "mt": c.mostly_tracked,
+        "pt": c.partly_tracked, "ml": c.mostly_lost, "frag": c.fragmentations, "clr_frames": c.num_steps,
+    }  # fmt: skip
     return [
+        accuracy("mota", c.tp - c.fp - c.switches),
+        accuracy("moda", c.tp - c.fp),
+        accuracy("motal", c.tp - c.fp - (math.log10(c.switches) if c.switches else 0)),
+        share("mota_no_fp", c.tp - c.switches, c.num_truth, NO_TRUTH, 0.0, "no such number"),
+        smota,
+        *motp,
         share("clr_re", c.tp, c.num_truth, NO_TRUTH),
         share("clr_pr", c.tp, c.tp + c.fp, NO_RESULTS),
         share("clr_f1", 2 * c.tp, 2 * c.tp + c.fn + c.fp, NOTHING),
@@ -143,15 +116,8 @@ def _ratios(c: ClearCounts) -> list[Field]:
         share("ptr", c.partly_tracked, c.num_tracks, NO_TRACKS),
         share("mlr", c.mostly_lost, c.num_tracks, NO_TRACKS, 0.0, "1 for one sequence, 0 for sums"),
         share("fp_per_frame", c.fp, c.num_steps, no_frames, c.fp, text),
+        *(count(metric, value) for metric, value in counts.items()),
     ]
-
-
-def _counts(c: ClearCounts) -> list[Field]:
-    named = {
-        "clr_tp": c.tp, "clr_fn": c.fn, "clr_fp": c.fp, "idsw": c.switches, "mt": c.mostly_tracked,
-        "pt": c.partly_tracked, "ml": c.mostly_lost, "frag": c.fragmentations, "clr_frames": c.num_steps,
-    }  # fmt: skip
-    return [count(metric, value) for metric, value in named.items()]
 
 
 def clear_raw(c: ClearCounts) -> dict[str, int | float]:
@@ -169,9 +135,7 @@ def identity_fields(c: IdentityCounts) -> list[Field]:
         share("idf1", 2 * c.tp, 2 * c.tp + c.fn + c.fp, NOTHING),
         share("idr", c.tp, c.tp + c.fn, NO_TRUTH),
         share("idp", c.tp, c.tp + c.fp, NO_RESULTS),
-        count("idtp", c.tp),
-        count("idfn", c.fn),
-        count("idfp", c.fp),
+        *(count(metric, value) for metric, value in identity_raw(c).items()),
     ]
 
 
@@ -192,21 +156,21 @@ def alpha_fields(c: HotaCounts, a: int) -> list[Field]:
     tp, fn, fp = c.tp[a], c.fn[a], c.fp[a]
     det, recall = share("deta", tp, tp + fn + fp, NOTHING), share("detre", tp, tp + fn, NO_TRUTH)
     ass = share("assa", c.ass_a[a], tp, NO_MATCH)
+
+    def root(metric: str, detection: Field) -> Field:
+        if detection.value is None:
+            return Field(metric, None, detection.why)
+        return plain_field(metric, math.sqrt(detection.value * (ass.value or 0.0)))
+
     return [
-        _root("hota", det, ass), det, ass, recall,
+        root("hota", det), det, ass, recall,
         share("detpr", tp, tp + fp, NO_RESULTS),
         share("assre", c.ass_re[a], tp, NO_MATCH),
         share("asspr", c.ass_pr[a], tp, NO_MATCH),
         share("loca", c.similarity[a], tp, NO_MATCH, 1.0),
-        _root("owta", recall, ass),
+        root("owta", recall),
         count("hota_tp", tp), count("hota_fn", fn), count("hota_fp", fp),
     ]  # fmt: skip
-
-
-def _root(metric: str, detection: Field, association: Field) -> Field:
-    if detection.value is None:
-        return Field(metric, None, detection.why)
-    return plain_field(metric, math.sqrt(detection.value * (association.value or 0.0)))
 
 
 def mean_fields(by_alpha: list[list[Field]]) -> list[Field]:
@@ -215,38 +179,14 @@ def mean_fields(by_alpha: list[list[Field]]) -> list[Field]:
     A mean is undefined where no threshold has a value; else thresholds without one enter as the reference has them: 0,
     and 1 for LocA.
     """
-    return [*map(_mean, zip(*by_alpha, strict=True)), *_lowest(by_alpha[0])]
-
-
-def _mean(fields: tuple[Field, ...]) -> Field:
-    first = fields[0]
-    mean = sum(field.printed for field in fields) / len(fields)
-    if all(field.value is None for field in fields):
-        return Field(first.metric, None, first.why, mean)
-    return count(first.metric, mean) if first.is_count else plain_field(first.metric, mean)
-
-
-def _lowest(fields: list[Field]) -> list[Field]:
-    at = {field.metric: field for field in fields}
+    means = []
+    for fields in zip(*by_alpha, strict=True):
+        mean = sum(field.printed for field in fields) / len(fields)
+        is_known = any(field.value is not None for field in fields)
+        means.append(fields[0]._replace(**({"value": mean, "why": ""} if is_known else {}), printed=mean))
+    at = {field.metric: field for field in by_alpha[0]}
     hota, loca = at["hota"], at["loca"]
     both = Field("hotaloca_0", None, loca.why.replace("1)", "0)"))
     if hota.value is not None and loca.value is not None:
         both = plain_field("hotaloca_0", hota.value * loca.value)
-    return [
-        Field("hota_0", hota.value, hota.why, hota.printed),
-        Field("loca_0", loca.value, loca.why, loca.printed),
-        both,
-    ]
-
-
-def alpha_raw(c: HotaCounts, a: int) -> dict[str, int | float]:
-    """Counts that rows at threshold `a` are made of."""
-    return {
-        "hota_tp": c.tp[a], "hota_fn": c.fn[a], "hota_fp": c.fp[a], "similarity_sum": float(c.similarity[a]),
-        "assa_sum": float(c.ass_a[a]), "assre_sum": float(c.ass_re[a]), "asspr_sum": float(c.ass_pr[a]),
-    }  # fmt: skip
-
-
-def mean_raw(c: HotaCounts) -> dict[str, int | float]:
-    """Counts over all thresholds."""
-    return {"hota_tp": sum(c.tp), "hota_fn": sum(c.fn), "hota_fp": sum(c.fp)}
+    return [*means, hota._replace(metric="hota_0"), loca._replace(metric="loca_0"), both]

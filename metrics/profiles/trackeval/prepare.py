@@ -1,17 +1,17 @@
 """From a sequence to the boxes of one class that count, by the rules of each benchmark."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.core.ordering import content_order
+from fbench.metrics.core.ordering import content_order, find_twice, number_tracks
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.similarity import blocks, image_overlaps, pairs_of
+from fbench.metrics.core.similarity import Blocks, blocks, image_overlaps
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects, Sequence
 
 
@@ -23,10 +23,6 @@ class ClassRule:
     labels: frozenset[str] = frozenset()  # Labels that belong to it; empty: all
     distractors: frozenset[str] = frozenset()
     """Labels of truth that results may take for it: those are neither hits nor false alarms."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "labels", frozenset(self.labels))
-        object.__setattr__(self, "distractors", frozenset(self.distractors))
 
 
 @dataclass(frozen=True)
@@ -85,10 +81,8 @@ MOT17 = Preparation(
     matches_all_truth=True, drops_ignored=True, only_labels=_MOT_RESULTS, known_labels=_MOT_DISTRACTORS | _MOT_OTHERS,
 )  # fmt: skip
 """TrackEval 1.3.0, `datasets/mot_challenge_2d_box.py`, benchmarks MOT16 and MOT17."""
-MOT20 = Preparation(
-    (ClassRule("pedestrian", frozenset({"pedestrian"}), _MOT_DISTRACTORS | {"non motorized vehicle"}),),
-    matches_all_truth=True, drops_ignored=True, only_labels=_MOT_RESULTS, known_labels=_MOT_DISTRACTORS | _MOT_OTHERS,
-)  # fmt: skip
+_MOT20_CLASS = replace(MOT17.classes[0], distractors=_MOT_DISTRACTORS | {"non motorized vehicle"})
+MOT20 = replace(MOT17, classes=(_MOT20_CLASS,))
 MOT15 = Preparation((ClassRule("pedestrian"),), excuse_floor=None, drops_ignored=True, only_labels=_MOT_RESULTS)
 """Its truth has no classes, so that nothing is excused."""
 EVERYTHING = Preparation((ClassRule("object"),), excuse_floor=None, drops_ignored=True)
@@ -102,114 +96,90 @@ def problems(sequence: Sequence, preparation: Preparation, match: Match) -> Iter
     """Yield what counts of each class. Raises MetricError where an id is missing or twice in a step (GT003), or labels
     are of another benchmark.
     """
-    _check_labels(sequence, preparation)
-    truth, estimates = _select_tracked(sequence, preparation)
-    regions = sequence.truth[_select_labels(sequence.truth, {preparation.region_label})]
+    sides = ((sequence.truth, "truth"), (sequence.estimates, "results"))
+    for (objects, what), allowed in zip(sides, (preparation.known_labels, preparation.only_labels), strict=True):
+        strange = ~_select_labels(objects, allowed)
+        if allowed and strange.any():
+            row = int(np.argmax(strange))
+            where = f"{sequence.name}, frame {sequence.steps.frame[objects.step[row]]}"
+            names = ", ".join(sorted(allowed - {""}))
+            raise MetricError(f"{where}: {what} of class '{objects.label[row]}', expected {names}")
+    has_id = sequence.truth.track_id >= 0, sequence.estimates.track_id >= 0
+    for (objects, what), has in zip(sides, has_id, strict=True):
+        fine = has if objects.ignore is None or not preparation.drops_ignored else has | objects.ignore
+        if not preparation.drops_missing_ids and not fine.all():
+            frame = sequence.steps.frame[objects.step[np.argmin(fine)]]
+            raise MetricError(f"{sequence.name}, frame {frame}: {what} without an id can't be scored as tracks")
     for rule in preparation.classes:
-        rows = _of_class(truth, estimates, sequence, rule, preparation)
-        yield _Prepared(sequence, rule, preparation, match, *rows).problem(regions)
+        yield _problem(sequence, rule, preparation, match, _of_class(*has_id, sequence, rule, preparation))
 
 
-class _Prepared:
-    """Truth and estimates that have to do with one class, and how alike they are."""
+def _problem(
+    sequence: Sequence, rule: ClassRule, preparation: Preparation, match: Match, rows: tuple[Int64, Int64]
+) -> Problem:
+    """Leave out of truth and estimates that have to do with one class what is excused."""
+    steps = sequence.steps
+    truth, estimates = _columns(sequence.truth, rows[0], match), _columns(sequence.estimates, rows[1], match)
+    pairs = blocks(truth, estimates, len(steps), match.likeness, sequence.ego_m)
+    counts = _select_labels(truth, rule.labels) if rule.labels else np.ones(len(truth), bool)  # is to be found
+    limits = (truth.truncation, preparation.max_truncation), (truth.occlusion, preparation.max_occlusion)
+    for level, limit in limits:
+        if level is not None and limit is not None:
+            counts &= ~(np.trunc(np.nan_to_num(level)) > limit)
+    if preparation.drops_ignored and truth.ignore is not None:
+        counts &= ~truth.ignore
+    kept = counts, ~_excuse(sequence, pairs, truth, estimates, counts, rule, preparation, match)
+    ids = []
+    for objects, own, what in ((truth, kept[0], "truth"), (estimates, kept[1], "results")):
+        step, names = objects.step[own], objects.track_id[own]
+        if (row := find_twice(step, names)) is not None:
+            where = f"{sequence.name}, frame {steps.frame[step[row]]}"
+            raise MetricError(f"{where}: {what} have id {names[row]} twice", code="GT003")
+        ids.append(number_tracks(names, steps.stream[step]))
+    (truth_id, estimate_id), left = ids, pairs.select(*kept)
+    return Problem(
+        left.row_start, left.column_start, left.start, left.values, steps.stream, truth_id, estimate_id,
+        estimates.score[kept[1]], rows[0][kept[0]], rows[1][kept[1]],
+    )  # fmt: skip
 
-    def __init__(
-        self, sequence: Sequence, rule: ClassRule, preparation: Preparation, match: Match, truth: Int64,
-        estimates: Int64,
-    ) -> None:  # fmt: skip
-        self._sequence, self._rule, self._preparation, self._match = sequence, rule, preparation, match
-        self._rows = truth, estimates
-        self._truth = _columns(sequence.truth, truth, match)
-        self._estimates = _columns(sequence.estimates, estimates, match)
-        self._starts = self._truth.starts(len(sequence.steps)), self._estimates.starts(len(sequence.steps))
-        self._similarity, self._block_start = blocks(
-            self._truth, self._estimates, *self._starts, match.likeness, sequence.ego_m
-        )
 
-    def problem(self, regions: Objects) -> Problem:
-        """Leave out what is excused."""
-        counts = self._counts()
-        return self._keep(counts, ~self._excuse(counts, regions))
+def _excuse(
+    sequence: Sequence, pairs: Blocks, truth: Objects, estimates: Objects, counts: Bool, rule: ClassRule,
+    preparation: Preparation, match: Match,
+) -> Bool:  # fmt: skip
+    """Which estimates (M,) neither count as hits nor as false alarms.
 
-    def _counts(self) -> Bool:
-        """Which truth (N,) is to be found."""
-        truth, p = self._truth, self._preparation
-        counts = _select_labels(truth, self._rule.labels) if self._rule.labels else np.ones(len(truth), bool)
-        for level, limit in ((truth.truncation, p.max_truncation), (truth.occlusion, p.max_occlusion)):
-            if level is not None and limit is not None:
-                counts &= ~(np.trunc(np.nan_to_num(level)) > limit)
-        if p.drops_ignored and truth.ignore is not None:
-            counts &= ~truth.ignore
-        return counts
+    Of truth that doesn't count, `ignore`d truth excuses nothing. What isn't finite is never left out (fault PRD001).
+    """
+    from fbench.metrics.core.assignment_kernel import partners  # numba takes a while to import
 
-    def _excuse(self, counts: Bool, regions: Objects) -> Bool:
-        """Which estimates (M,) neither count as hits nor as false alarms."""
-        from fbench.metrics.core.assignment_kernel import partners  # numba takes a while to import
-
-        p, estimates = self._preparation, self._estimates
-        if p.excuse_floor is None or not len(estimates):
-            return np.zeros(len(estimates), bool)
-        floor, offset = (p.excuse_floor, 0.0) if self._match.likeness == "iou2d" else _floor_of(self._match)
-        truth_of = partners(
-            *self._starts, np.array(self._block_start), np.array(self._similarity), floor - _EPS, offset
-        )
-        excuses = np.append(self._excuses(counts), False)
-        return np.where(truth_of < 0, self._excuse_alone(regions), excuses[truth_of])
-
-    def _excuse_alone(self, regions: Objects) -> Bool:
-        """Which estimates (M,) are left out where they match nothing; what isn't finite never is (fault PRD001)."""
-        p, estimates = self._preparation, self._estimates
-        excused = np.zeros(len(estimates), bool)
-        if estimates.xyxy_px is None:
-            return excused
-        if p.min_height_px is not None:
-            excused |= _up_to(p.min_height_px, estimates.xyxy_px)
-        if p.region_label:
-            excused |= _within(regions, estimates, len(self._sequence.steps), p.region_share)
-        return excused
-
-    def _excuses(self, counts: Bool) -> Bool:
-        """Which truth (N,) excuses results that match it; of all that doesn't count, `ignore`d truth doesn't."""
-        is_distractor = _select_labels(self._truth, self._rule.distractors)
-        return is_distractor if self._preparation.matches_all_truth else is_distractor | ~counts
-
-    def _keep(self, truth: Bool, estimates: Bool) -> Problem:
-        row, column = pairs_of(*self._starts)
-        kept = truth[row] & estimates[column]
-        sides = self._side(0, self._truth, truth), self._side(1, self._estimates, estimates)
-        size = np.diff(sides[0][0]) * np.diff(sides[1][0])
-        return Problem(
-            sides[0][0], sides[1][0], np.concatenate([[0], np.cumsum(size)]), self._similarity[kept],
-            self._sequence.steps.stream, sides[0][1], sides[1][1], self._estimates.score[estimates], sides[0][2],
-            sides[1][2],
-        )  # fmt: skip
-
-    def _side(self, side: int, objects: Objects, kept: Bool) -> tuple[Int64, Int64, Int64]:
-        """Offsets of steps, ids from 0, rows of the sequence."""
-        step = objects.step[kept]
-        starts = np.searchsorted(step, np.arange(len(self._sequence.steps) + 1))
-        ids = _renumbered(objects.track_id[kept], self._sequence.steps.stream[step])
-        _check_unique(self._sequence, step, ids, objects.track_id[kept], ("truth", "results")[side])
-        return starts, ids, self._rows[side][kept]
+    p, alone = preparation, np.zeros(len(estimates), bool)
+    if p.excuse_floor is None or not len(estimates):
+        return alone
+    floor = p.excuse_floor if match.likeness == "iou2d" else match.floor
+    offset = 2 * match.threshold if match.is_distance else 0.0  # makes similarities of pairs above the floor positive
+    truth_of = partners(pairs, floor - _EPS, offset)
+    excuses = _select_labels(truth, rule.distractors)
+    if not p.matches_all_truth:
+        excuses |= ~counts
+    if estimates.xyxy_px is not None and p.min_height_px is not None:
+        # Also rectangles that stand upside down, and results that have none.
+        height, is_none = estimates.xyxy_px[:, 3] - estimates.xyxy_px[:, 1], np.isnan(estimates.xyxy_px).all(axis=1)
+        is_low = np.isfinite(estimates.xyxy_px).all(axis=1) & (height <= p.min_height_px + _EPS)
+        alone |= is_none | is_low
+    regions = sequence.truth[_select_labels(sequence.truth, {p.region_label})]
+    if estimates.xyxy_px is not None and p.region_label and len(regions):
+        covered = image_overlaps(regions, estimates, len(sequence.steps), np.ones(len(regions), bool))
+        alone[covered.pairs[1][covered.values > p.region_share + _EPS]] = True
+    return np.where(truth_of < 0, alone, np.append(excuses, False)[truth_of])
 
 
 def _columns(objects: Objects, rows: Int64, match: Match) -> Objects:
     """Rows (K,) of the columns that are looked at: copying all takes longer than counting."""
-    names = ["xyxy_px", "occlusion", "truncation", "ignore"]
+    names = ["step", "label", "track_id", "score", "xyxy_px", "occlusion", "truncation", "ignore"]
     names += [] if match.likeness == "iou2d" else ["center_m", "size_lwh_m", "yaw_rad"]
-    found = {name: getattr(objects, name) for name in names}
-    return Objects(
-        step=objects.step[rows],
-        label=objects.label[rows],
-        track_id=objects.track_id[rows],
-        score=objects.score[rows],
-        **{name: column[rows] for name, column in found.items() if column is not None},
-    )
-
-
-def _floor_of(match: Match) -> tuple[float, float]:
-    """Floor of a likeness, and what makes similarities of pairs above it positive."""
-    return match.floor, 2 * match.threshold if match.is_distance else 0.0
+    found = ((name, getattr(objects, name)) for name in names)
+    return Objects(**{name: column[rows] for name, column in found if column is not None})
 
 
 def _select_labels(objects: Objects, labels: set[str] | frozenset[str]) -> Bool:
@@ -217,18 +187,6 @@ def _select_labels(objects: Objects, labels: set[str] | frozenset[str]) -> Bool:
     for label in sorted(labels):
         found |= objects.label == label
     return found
-
-
-def _select_tracked(sequence: Sequence, preparation: Preparation) -> tuple[Bool, Bool]:
-    """Which truth (N,) and estimates (M,) have ids."""
-    has_id = sequence.truth.track_id >= 0, sequence.estimates.track_id >= 0
-    if not preparation.drops_missing_ids:
-        for side, has, what in zip((sequence.truth, sequence.estimates), has_id, ("truth", "results"), strict=True):
-            fine = has if side.ignore is None or not preparation.drops_ignored else has | side.ignore
-            if not fine.all():
-                frame = sequence.steps.frame[side.step[np.argmin(fine)]]
-                raise MetricError(f"{sequence.name}, frame {frame}: {what} without an id can't be scored as tracks")
-    return has_id
 
 
 def _of_class(
@@ -239,65 +197,10 @@ def _of_class(
         truth = truth & _select_labels(sequence.truth, rule.labels | rule.distractors)
     if rule.labels and not preparation.only_labels:
         estimates = estimates & _select_labels(sequence.estimates, rule.labels)
-    rows = np.flatnonzero(truth), np.flatnonzero(estimates)
+    rows, others = np.flatnonzero(truth), np.flatnonzero(estimates)
     if preparation.order == "as given":
-        return rows
-    truth_order, estimate_order = content_order(sequence.truth[rows[0]]), content_order(sequence.estimates[rows[1]])
-    return rows[0][truth_order], rows[1][estimate_order]
-
-
-def _up_to(height_px: float, xyxy: Float64) -> Bool:
-    """Which rectangles (M, 4) are no higher: also those that stand upside down, and results that have none."""
-    height = xyxy[:, 3] - xyxy[:, 1]
-    is_none = np.isnan(xyxy).all(axis=1)
-    return np.asarray(is_none | (np.isfinite(xyxy).all(axis=1) & (height <= height_px + _EPS)))
-
-
-def _within(regions: Objects, estimates: Objects, num_steps: int, share: float) -> Bool:
-    """Which estimates (M,) lie in one of the regions of their step, to more than a share."""
-    if not len(regions):
-        return np.zeros(len(estimates), bool)
-    starts = regions.starts(num_steps), estimates.starts(num_steps)
-    covered, _ = image_overlaps(regions, estimates, *starts, np.ones(len(regions), bool))
-    inside = np.zeros(len(estimates), bool)
-    inside[pairs_of(*starts)[1][covered > share + _EPS]] = True
-    return inside
-
-
-def _renumbered(ids: Int64, stream: Int64) -> Int64:
-    """Number ids from 0; an id in two streams is two."""
-    if not len(ids):
-        return np.zeros(0, np.int64)
-    numbers = np.unique(ids, return_inverse=True)[1]
-    if stream[0] != stream[-1] or (stream != stream[0]).any():
-        numbers = np.unique(stream * (int(numbers.max()) + 1) + numbers, return_inverse=True)[1]
-    return np.asarray(numbers, np.int64)
-
-
-def _check_unique(sequence: Sequence, step: Int64, ids: Int64, names: Int64, what: str) -> None:
-    order = np.lexsort((ids, step))
-    twice = np.flatnonzero((np.diff(step[order]) == 0) & (np.diff(ids[order]) == 0))
-    if len(twice):
-        row = order[twice[0]]
-        where = f"{sequence.name}, frame {sequence.steps.frame[step[row]]}"
-        raise MetricError(f"{where}: {what} have id {names[row]} twice", code="GT003")
-
-
-def _check_labels(sequence: Sequence, preparation: Preparation) -> None:
-    """Refuse results and truth of another benchmark."""
-    sides = (
-        (sequence.truth, preparation.known_labels, "truth"),
-        (sequence.estimates, preparation.only_labels, "results"),
-    )
-    for objects, allowed, what in sides:
-        if allowed and len(objects):
-            strange: Array = ~_select_labels(objects, allowed)
-            if strange.any():
-                row = int(np.argmax(strange))
-                where = f"{sequence.name}, frame {sequence.steps.frame[objects.step[row]]}"
-                raise MetricError(
-                    f"{where}: {what} of class '{objects.label[row]}', expected {', '.join(sorted(allowed - {''}))}"
-                )
+        return rows, others
+    return rows[content_order(sequence.truth[rows])], others[content_order(sequence.estimates[others])]
 
 
 def overlaps(problem: Problem, match: Match) -> Float64:

@@ -1,25 +1,12 @@
 """HOTA, CLEAR and Identity as TrackEval 1.3.0 counts them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.profiles.trackeval.fields import (
-    LABELS,
-    ClassCounts,
-    Field,
-    TrackingCounts,
-    alpha_fields,
-    alpha_raw,
-    clear_fields,
-    clear_raw,
-    count,
-    identity_fields,
-    identity_raw,
-    mean_fields,
-    mean_raw,
-)
+from fbench.metrics.profiles.trackeval import fields as of
+from fbench.metrics.profiles.trackeval.fields import LABELS, ClassCounts, Field, TrackingCounts
 from fbench.metrics.profiles.trackeval.prepare import HALF, KITTI, MOT15, MOT17, MOT20, Preparation, overlaps, problems
 from fbench.metrics.tracking.clear import TRACKEVAL_RULES, ClearRules, clear_counts
 from fbench.metrics.tracking.hota import hota_counts
@@ -30,91 +17,46 @@ from fbench.replay.data.sequences import Sequence
 
 CLASS_MEAN, CLASS_SUM = "cls_comb_cls_av", "cls_comb_det_av"
 """TrackEval's names for the mean over classes and for all classes as one."""
-Group = tuple[list[Field], Mapping[str, int | float], str]  # Fields, counts and matching
 
 
-def tracking_scores(statistics: TrackingCounts, part: str, match: Match) -> list[Score]:
-    """Return rows of all classes: means over thresholds and CLEAR and Identity first, then each threshold's HOTA."""
-    classes = dict(statistics.classes)
-    combined = len(classes) > 1 and part == "all"
-    if combined:
-        classes[CLASS_SUM] = statistics.together
-    by_alpha = {name: [alpha_fields(c.hota, a) for a in range(len(LABELS))] for name, c in classes.items()}
-    groups = {name: _groups(c, by_alpha[name], match) for name, c in classes.items()}
-    if combined:
-        groups[CLASS_MEAN] = _average(statistics, groups)
-    rows = [
-        field.score(name, part, how, raw) for name, of in groups.items() for fields, raw, how in of for field in fields
-    ]
-    for name, own in classes.items():
-        rows += _alpha_rows(name, own, by_alpha[name], part, match)
-    if combined:
-        rows += _average_alpha_rows(statistics, by_alpha, part, match)
-    return rows
+class _Block(NamedTuple):
+    """Rows of one class that have all else in common."""
+
+    fields: list[Field]
+    counts: Mapping[str, int | float]
+    matching: str
+    slice: str
 
 
-def _groups(c: ClassCounts, by_alpha: list[list[Field]], match: Match) -> list[Group]:
+def _blocks(c: ClassCounts, part: str, match: Match) -> list[_Block]:
+    hota, own, at = c.hota, str(match), f"{match}, similarity" if match.is_distance else match.likeness
+    by_alpha = [of.alpha_fields(hota, a) for a in range(len(LABELS))]
+    sums = {"hota_tp": sum(hota.tp), "hota_fn": sum(hota.fn), "hota_fp": sum(hota.fp)}
     boxes: dict[str, int | float] = {
         "dets": c.clear.tp + c.clear.fp, "gt_dets": c.clear.num_truth, "ids": c.num_result_tracks,
         "gt_ids": c.clear.num_tracks,
     }  # fmt: skip
-    return [
-        (mean_fields(by_alpha), mean_raw(c.hota), _thresholds(match, "0.05 to 0.95")),
-        (clear_fields(c.clear, match.is_distance), clear_raw(c.clear), str(match)),
-        (identity_fields(c.identity), identity_raw(c.identity), str(match)),
-        ([count(metric, value) for metric, value in boxes.items()], boxes, str(match)),
+    blocks = [
+        _Block(of.mean_fields(by_alpha), sums, f"{at} 0.05 to 0.95", part),
+        _Block(of.clear_fields(c.clear, match.is_distance), of.clear_raw(c.clear), own, part),
+        _Block(of.identity_fields(c.identity), of.identity_raw(c.identity), own, part),
+        _Block([of.count(metric, value) for metric, value in boxes.items()], boxes, own, part),
     ]
+    for a, label in enumerate(LABELS):
+        raw = {
+            "hota_tp": hota.tp[a], "hota_fn": hota.fn[a], "hota_fp": hota.fp[a],
+            "similarity_sum": float(hota.similarity[a]), "assa_sum": float(hota.ass_a[a]),
+            "assre_sum": float(hota.ass_re[a]), "asspr_sum": float(hota.ass_pr[a]),
+        }  # fmt: skip
+        alpha = f"alpha {label}" if part == "all" else f"{part}, alpha {label}"
+        blocks.append(_Block(by_alpha[a], raw, f"{at} {label}", alpha))
+    return blocks
 
 
-def _thresholds(match: Match, alphas: str) -> str:
-    """How HOTA matches: `iou2d 0.05`, or `bev 2 m, similarity 0.05`."""
-    return f"{match}, similarity {alphas}" if match.is_distance else f"{match.likeness} {alphas}"
-
-
-def _alpha_rows(name: str, c: ClassCounts, by_alpha: list[list[Field]], part: str, match: Match) -> Iterator[Score]:
-    for a, fields in enumerate(by_alpha):
-        slice_, how, raw = _alpha_slice(part, a), _thresholds(match, LABELS[a]), alpha_raw(c.hota, a)
-        for field in fields:
-            yield field.score(name, slice_, how, raw)
-
-
-def _alpha_slice(part: str, a: int) -> str:
-    return f"alpha {LABELS[a]}" if part == "all" else f"{part}, alpha {LABELS[a]}"
-
-
-def _average(statistics: TrackingCounts, groups: Mapping[str, list[Group]]) -> list[Group]:
-    """Means over the classes that have boxes (`ignore_empty_classes` of TrackEval); counts are summed."""
-    used = _used(statistics)
-    result: list[Group] = []
-    for k, (_, raw, how) in enumerate(groups[CLASS_SUM]):
-        of_classes = [groups[name][k][0] for name in used]
-        result.append((_means(of_classes, groups[CLASS_SUM][k][0]), raw, how))
-    return result
-
-
-def _used(statistics: TrackingCounts) -> list[str]:
-    return [name for name, c in statistics.classes.items() if c.num_boxes]
-
-
-def _average_alpha_rows(
-    statistics: TrackingCounts, by_alpha: Mapping[str, list[list[Field]]], part: str, match: Match
-) -> Iterator[Score]:
-    used = _used(statistics)
-    for a, of_sum in enumerate(by_alpha[CLASS_SUM]):
-        raw = alpha_raw(statistics.together.hota, a)
-        for field in _means([by_alpha[name][a] for name in used], of_sum):
-            yield field.score(CLASS_MEAN, _alpha_slice(part, a), _thresholds(match, LABELS[a]), raw)
-
-
-def _means(of_classes: list[list[Field]], of_sum: list[Field]) -> list[Field]:
+def _mean(summed: Field, *fields: Field) -> Field:
     """Mean over classes of what the reference prints for each; undefined where no class has a value."""
-    return [
-        summed if summed.is_count else _mean([fields[k] for fields in of_classes], summed)
-        for k, summed in enumerate(of_sum)
-    ]
-
-
-def _mean(fields: list[Field], summed: Field) -> Field:
+    if summed.is_count:
+        return summed
     if all(field.value is None for field in fields):
         return summed._replace(value=None, why=summed.why or "no class has a value")
     mean = sum(field.printed for field in fields) / len(fields)
@@ -128,31 +70,25 @@ _HEADLINES = Headlines(
 
 
 @dataclass(frozen=True)
-class TrackEvalProfile:
-    """HOTA at 19 thresholds, CLEAR and Identity at one, for each class of a benchmark."""
+class TracksProfile:
+    """What the profiles that look for tracks in images have in common: boxes are prepared, matched and counted."""
 
     name: str
     summary: str
     preparation: Preparation
     match: Match = HALF
     rules: ClearRules = TRACKEVAL_RULES  # Floor and offset come from `match`
-    family: Family = "mot"
-
-    @property
-    def facts(self) -> Facts:
-        """What it judges, and what it needs for that."""
-        return Facts(True, "2d", self.family, _HEADLINES)
 
     @property
     def result_labels(self) -> frozenset[str]:
-        """Labels of results that are scored."""
+        """Labels of results that are scored; empty: any are."""
         return self.preparation.result_labels
 
     def with_match(self, match: Match) -> Self:
         """Return the profile with another likeness or threshold.
 
-        Distances d rate matches as TrackEval rates them in MOT15's 3D: CLEAR by 1 - d / (2 threshold), its default,
-        HOTA by max(0, 1 - d / threshold).
+        Distances d rate matches in TrackEval's profiles as it rates them in MOT15's 3D: CLEAR by 1 - d / (2 threshold),
+        its default, HOTA by max(0, 1 - d / threshold).
         """
         return replace(self, match=match)
 
@@ -162,39 +98,65 @@ class TrackEvalProfile:
         """
         found = problems(sequence, self.preparation, self.match)
         names = (rule.name for rule in self.preparation.classes)
-        return TrackingCounts({name: self._counts(one) for name, one in zip(names, found, strict=True)})
+        return TrackingCounts({name: self.count(one) for name, one in zip(names, found, strict=True)})
+
+    def count(self, problem: Problem) -> ClassCounts:
+        """Count one class."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class TrackEvalProfile(TracksProfile):
+    """HOTA at 19 thresholds, CLEAR and Identity at one, for each class of a benchmark."""
+
+    family: Family = "mot"
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return Facts(True, "2d", self.family, _HEADLINES)
 
     def scores(self, statistics: TrackingCounts, part: str) -> list[Score]:
-        """Return rows of all classes: means over thresholds first, then those of each threshold.
+        """Return rows of all classes: means over thresholds, CLEAR and Identity first, then HOTA of each threshold.
 
         Over all sequences of several classes also their mean (`cls_comb_cls_av`) and their sum (`cls_comb_det_av`).
         """
-        return tracking_scores(statistics, part, self.match)
+        classes = dict(statistics.classes)
+        is_combined = len(classes) > 1 and part == "all"
+        if is_combined:
+            classes[CLASS_SUM] = statistics.together
+        blocks = {name: _blocks(c, part, self.match) for name, c in classes.items()}
+        if is_combined:  # over classes that have boxes (`ignore_empty_classes` of TrackEval); counts are summed
+            used = [blocks[name] for name, c in statistics.classes.items() if c.clear.tp + c.clear.fn + c.clear.fp]
+            blocks[CLASS_MEAN] = [
+                summed._replace(fields=list(map(_mean, summed.fields, *(block.fields for block in own))))
+                for summed, *own in zip(blocks[CLASS_SUM], *used, strict=True)
+            ]
+        return [
+            field.score(name, block.slice, block.matching, block.counts)
+            for which in (slice(0, 4), slice(4, None))
+            for name, own in blocks.items()
+            for block in own[which]
+            for field in block.fields
+        ]
 
     def clear_rules(self) -> ClearRules:
         """Return the rules of CLEAR with the floor of the match."""
         offset = 2 * self.match.threshold if self.match.is_distance else 0.0
         return replace(self.rules, floor=self.match.floor, offset=offset)
 
-    def _counts(self, problem: Problem) -> ClassCounts:
+    def count(self, problem: Problem) -> ClassCounts:
+        """Count one class."""
         return ClassCounts(
-            clear_counts(problem, self.clear_rules()),
-            identity_counts(problem, self.match.floor),
-            hota_counts(replace(problem, similarity=overlaps(problem, self.match))),
-            problem.num_estimate_ids,
-        )
+            clear_counts(problem, self.clear_rules()), identity_counts(problem, self.match.floor),
+            hota_counts(replace(problem, similarity=overlaps(problem, self.match))), problem.num_estimate_ids,
+        )  # fmt: skip
 
 
+_AS = "as TrackEval 1.3.0 counts"
 TRACKEVAL_KITTI = TrackEvalProfile(
-    "trackeval-kitti",
-    "KITTI tracking in images, cars and pedestrians, as TrackEval 1.3.0 counts",
-    KITTI,
-    family="kitti-tracking",
+    "trackeval-kitti", f"KITTI tracking in images, cars and pedestrians, {_AS}", KITTI, family="kitti-tracking"
 )
-TRACKEVAL_MOT = TrackEvalProfile(
-    "trackeval-mot", "MOTChallenge 16 and 17, pedestrians, as TrackEval 1.3.0 counts", MOT17
-)
-TRACKEVAL_MOT20 = TrackEvalProfile("trackeval-mot20", "MOTChallenge 20, pedestrians, as TrackEval 1.3.0 counts", MOT20)
-TRACKEVAL_MOT15 = TrackEvalProfile(
-    "trackeval-mot15", "MOTChallenge 15, truth without classes, as TrackEval 1.3.0 counts", MOT15
-)
+TRACKEVAL_MOT = TrackEvalProfile("trackeval-mot", f"MOTChallenge 16 and 17, pedestrians, {_AS}", MOT17)
+TRACKEVAL_MOT20 = TrackEvalProfile("trackeval-mot20", f"MOTChallenge 20, pedestrians, {_AS}", MOT20)
+TRACKEVAL_MOT15 = TrackEvalProfile("trackeval-mot15", f"MOTChallenge 15, truth without classes, {_AS}", MOT15)

@@ -3,6 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fbench.metrics.core.matching import match_greedily, score_order
+from fbench.metrics.core.similarity import Blocks
 
 ONE_STEP = (np.array([0, 2]), np.array([0, 3]), np.array([0, 6]))
 SIMILARITY = np.array([[0.6, 0.7, 0.5], [0.5, 0.65, 0.9]])
@@ -10,7 +11,7 @@ SIMILARITY = np.array([[0.6, 0.7, 0.5], [0.5, 0.65, 0.9]])
 
 def match(similarity: np.ndarray, floors: list[float], order: list[int], **kinds: object) -> list[list[int]]:
     starts = np.array([0, len(similarity)]), np.array([0, similarity.shape[1]]), np.array([0, similarity.size])
-    return match_greedily(similarity.ravel(), *starts, np.array(order), floors, **kinds).tolist()
+    return match_greedily(Blocks(*starts, similarity.ravel()), np.array(order), floors, **kinds).tolist()
 
 
 def test_the_first_chooses_and_each_truth_goes_once() -> None:
@@ -41,13 +42,14 @@ def test_equal_similarities_take_the_lower_row() -> None:
 
 def test_steps_are_apart() -> None:
     starts = np.array([0, 1, 1, 2]), np.array([0, 1, 2, 4]), np.array([0, 1, 1, 3])
-    found = match_greedily(np.array([0.9, 0.4, 0.8]), *starts, np.array([0, 1, 3, 2]), [0.3])
+    found = match_greedily(Blocks(*starts, np.array([0.9, 0.4, 0.8])), np.array([0, 1, 3, 2]), [0.3])
     assert found.tolist() == [[0, -1, -1, 1]]
 
 
 def test_without_boxes() -> None:
     zeros = np.zeros(3, np.int64)
-    assert match_greedily(np.zeros(0), zeros, zeros, zeros, np.zeros(0, np.int64), [0.5]).shape == (1, 0)
+    nothing = Blocks(zeros, zeros, zeros, np.zeros(0))
+    assert match_greedily(nothing, np.zeros(0, np.int64), [0.5]).shape == (1, 0)
 
 
 def test_order_is_by_step_score_and_content() -> None:

@@ -33,8 +33,7 @@ def random_objects(seed: int, num: int, num_steps: int) -> Objects:
 
 def similarity(truth: Objects, estimates: Objects, likeness: Likeness, ego: object = None) -> Float64:
     """The matrix of a single step."""
-    flat, _ = blocks(truth, estimates, truth.starts(1), estimates.starts(1), likeness, ego)
-    return flat.reshape(len(truth), len(estimates))
+    return blocks(truth, estimates, 1, likeness, ego).values.reshape(len(truth), len(estimates))
 
 
 @pytest.mark.parametrize("likeness", LIKENESSES)
@@ -42,7 +41,8 @@ def test_layout_and_independence_of_what_stands_beside(likeness: Likeness) -> No
     truth, estimates = random_objects(1, 40, 6), random_objects(2, 50, 6)
     ego = np.random.Generator(np.random.PCG64(3)).uniform(-9, 9, (6, 3))
     starts = truth.starts(6), estimates.starts(6)
-    flat, block_start = blocks(truth, estimates, *starts, likeness, ego)
+    pairs = blocks(truth, estimates, 6, likeness, ego)
+    flat, block_start = pairs.values, pairs.start
     assert len(flat) == block_start[-1] == sum(
         int((truth.step == s).sum() * (estimates.step == s).sum()) for s in range(6)
     )  # fmt: skip
@@ -142,9 +142,9 @@ def test_negative_sizes_are_like_nothing_and_no_size_is_no_overlap() -> None:
 @pytest.mark.parametrize("likeness", LIKENESSES)
 def test_without_boxes(likeness: Likeness) -> None:
     nothing = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
-    flat, block_start = blocks(nothing, objects(CAR), nothing.starts(2), objects(CAR).starts(2), likeness)
-    assert flat.shape == (0,)
-    assert block_start.tolist() == [0, 0, 0]
+    pairs = blocks(nothing, objects(CAR), 2, likeness)
+    assert pairs.values.shape == (0,)
+    assert pairs.start.tolist() == [0, 0, 0]
 
 
 def test_boxes_that_lack_what_is_compared_are_refused() -> None:
@@ -161,5 +161,5 @@ def test_boxes_that_lack_what_is_compared_are_refused() -> None:
 
 def test_share_of_an_estimate_in_a_region() -> None:
     truth, estimate = objects((0, 0, 0, 10, 10, 1, 0), (0, 0, 0, 10, 10, 1, 0)), objects((5, 0, 0, 10, 5, 1, 0))
-    overlaps, _ = image_overlaps(truth, estimate, truth.starts(1), estimate.starts(1), np.array([True, False]))
-    assert overlaps.tolist() == [0.5, 0.2]
+    overlaps = image_overlaps(truth, estimate, 1, np.array([True, False]))
+    assert overlaps.values.tolist() == [0.5, 0.2]

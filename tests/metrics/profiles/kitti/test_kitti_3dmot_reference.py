@@ -10,8 +10,9 @@ import pytest
 from tests.metrics.profiles.kitti.kitti_rows import tracking_sequence
 from tests.metrics.profiles.kitti.oracles.kitti_tracks_input import SEQUENCES, made_sequence
 
-from fbench.metrics.profiles.kitti.track_passes import run_passes
-from fbench.metrics.profiles.kitti.tracking import Kitti3dMot, TrackStatistics
+from fbench.metrics.profiles.kitti.rows import Tables
+from fbench.metrics.profiles.kitti.track_passes import TrackTable, run_passes
+from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
 from fbench.replay.contracts.profiles import Match
 
 REFERENCE = json.loads((Path(__file__).parent / "oracles/kitti_3dmot.json").read_text())
@@ -35,7 +36,7 @@ def sequences():
     return [tracking_sequence(name, *made_sequence(seed, length, 9.0), length) for seed, (name, length) in made]
 
 
-def statistics(profile: Kitti3dMot, sequences: Any) -> TrackStatistics:
+def statistics(profile: Kitti3dMot, sequences: Any) -> Tables[TrackTable]:
     return reduce(add, map(profile.measure, sequences))
 
 
