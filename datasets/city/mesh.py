@@ -1,12 +1,15 @@
 """Triangles with materials and colors, simple shapes, quadrilaterals on walls, and bodies that take part."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fbench.replay.data.arrays import Array, Float32, Float64, freeze_fields
 from fbench.replay.geometry.transforms import transform
+
+Three = tuple[float, float, float]
+Rgb = Three  # Linear red, green, blue, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -95,12 +98,12 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
 
 def move_mesh(mesh: Mesh, dst_T_src: Float64) -> Mesh:
     """Move a mesh by a rigid transform (4, 4)."""
-    vertices = transform(dst_T_src, mesh.vertices_m).astype(np.float32)
-    return Mesh(vertices, mesh.triangles, mesh.material, mesh.color, mesh.lamp)
+    return replace(mesh, vertices_m=transform(dst_T_src, mesh.vertices_m).astype(np.float32))
 
 
-Rgb = tuple[float, float, float]  # Linear red, green, blue, 0 to 1
-Three = tuple[float, float, float]
+def shift(mesh: Mesh, by_m: Three) -> Mesh:
+    """Move a mesh without turning it."""
+    return replace(mesh, vertices_m=mesh.vertices_m + np.asarray(by_m, np.float32))
 
 
 @dataclass(frozen=True)
