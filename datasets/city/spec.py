@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
 
@@ -57,18 +57,15 @@ def condition(text: str) -> Condition:
         if names.count(name) > 1:
             raise ConfigError(f"--condition {text}: '{name}' comes twice")
     parts = [CONDITIONS[name] for name in names]
-    return Condition("+".join(names), _mix([part.weather for part in parts]), any(p.is_dense for p in parts))
-
-
-def _mix(weathers: list[Weather]) -> Weather:
+    weathers = [part.weather for part in parts]
     lowest = min(weathers, key=lambda weather: weather.sun_elevation_deg)
-    return Weather(
+    weather = replace(
+        lowest,
         visibility_m=min(weather.visibility_m for weather in weathers),
         rain_mm_h=max(weather.rain_mm_h for weather in weathers),
         lux=min(weather.lux for weather in weathers),
-        sun_elevation_deg=lowest.sun_elevation_deg,
-        sun_azimuth_deg=lowest.sun_azimuth_deg,
     )
+    return Condition("+".join(names), weather, any(part.is_dense for part in parts))
 
 
 WorldName: TypeAlias = Literal["urban", "highway"]
@@ -113,10 +110,7 @@ class CitySpec:
     @property
     def metadata(self) -> dict[str, str]:
         """What the log says of its making."""
-        weather = {
-            f"weather.{name}": np.format_float_positional(value, trim="-")
-            for name, value in asdict(self.condition.weather).items()
-        }
+        weather, lidars = asdict(self.condition.weather), sorted(self.rig.lidars.items())
         return {
             "dataset": "fbench city (simulated)",
             "licence": "made by fbench; free of rights",
@@ -127,11 +121,8 @@ class CitySpec:
             "seed": str(self.seed),
             REFERENCE: self.rig.reference,
             "stamps": "when measured; a LiDAR's when its turn ends",
-            **weather,
-            **{
-                f"lidar.{name}.motion": ("in the sweep" if spec.motion else "frozen at the stamp")
-                for name, spec in sorted(self.rig.lidars.items())
-            },
+            **{f"weather.{name}": np.format_float_positional(value, trim="-") for name, value in weather.items()},
+            **{f"lidar.{name}.motion": "in the sweep" if s.motion else "frozen at the stamp" for name, s in lidars},
         }
 
 
