@@ -8,7 +8,8 @@ from typing import assert_never
 import numpy as np
 
 from fbench.datasets.city.camera.picture import picture
-from fbench.datasets.city.instant import EGO, BodyStates, Instant, RayCaster, Rays
+from fbench.datasets.city.instant import EGO, BodyStates, Rays
+from fbench.datasets.city.rays.caster import EmbreeCaster, Instant
 from fbench.datasets.city.rig import POSE, CameraSpec, LidarSpec, RadarSpec, RigSpec, SensorSpec
 from fbench.datasets.city.sensors.lidar import sweep
 from fbench.datasets.city.sensors.radar import scan
@@ -145,7 +146,7 @@ def _stamps(rate_hz: float, phase_ms: float, from_ns: int, to_ns: int) -> Iterat
 class Surroundings:
     """What all messages of a log have in common."""
 
-    caster: RayCaster
+    caster: EmbreeCaster
     street_lamps_m: Float64  # (L, 3)
     weather: Weather
     seed: int
@@ -180,7 +181,7 @@ EYE_M = 1.8  # Height of the point above the ego vehicle's middle from which bod
 _GRID = 12  # Rays across a body, in both directions
 
 
-def visible_shares(caster: RayCaster, states: BodyStates, bodies: Int64, range_m: float) -> Float64:
+def visible_shares(caster: EmbreeCaster, states: BodyStates, bodies: Int64, range_m: float) -> Float64:
     """Return the visible share (B,) of each of `bodies` (B,), 0 to 1, in clear air.
 
     Of the rays over a body's outline that would hit it if it were alone, the share that do; seen from `EYE_M` above
@@ -200,7 +201,7 @@ def _share(hit: Array, rays: Int64 | None, body: int) -> float:
     return float((hit[rays] == body).mean()) if rays is not None and len(rays) else 0.0
 
 
-def _rays_over(caster: RayCaster, states: BodyStates, i: int, origin: Float64) -> Float32:
+def _rays_over(caster: EmbreeCaster, states: BodyStates, i: int, origin: Float64) -> Float32:
     """Unit vectors (`_GRID` squared, 3) evenly over the angles that the box of body `i` takes."""
     length, width, height = caster.actors[i].body.size_lwh_m
     to_body, cos, sin = states.position_m[i] - origin, np.cos(states.yaw_rad[i]), np.sin(states.yaw_rad[i])
@@ -229,7 +230,7 @@ MIN_VISIBLE = 0.1
 
 
 def truth_at(
-    caster: RayCaster, states: BodyStates, stamp_ns: int, measured: Sequence[Measured], range_m: float
+    caster: EmbreeCaster, states: BodyStates, stamp_ns: int, measured: Sequence[Measured], range_m: float
 ) -> Truth:
     """Return all bodies within `range_m` [m] of the ego vehicle and all that images show.
 
@@ -252,7 +253,7 @@ def truth_at(
 
 
 def _boxes3d(
-    caster: RayCaster, states: BodyStates, bodies: Int64, measured: Sequence[Measured], range_m: float
+    caster: EmbreeCaster, states: BodyStates, bodies: Int64, measured: Sequence[Measured], range_m: float
 ) -> Boxes3D:
     visibility = visible_shares(caster, states, bodies, 2 * range_m)
     num_lidar, num_radar = (_num_points(measured, kind, len(caster.actors))[bodies] for kind in (PointCloud, RadarScan))
@@ -281,11 +282,13 @@ def _num_points(measured: Sequence[Measured], kind: type[PointCloud | RadarScan]
     return total
 
 
-def _labels(caster: RayCaster, bodies: Int64) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
+def _labels(caster: EmbreeCaster, bodies: Int64) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
     return np.array([caster.actors[i].body.label for i in bodies], np.str_)
 
 
-def _attributes(caster: RayCaster, states: BodyStates, bodies: Int64) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
+def _attributes(
+    caster: EmbreeCaster, states: BodyStates, bodies: Int64
+) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
     moves = (states.velocity_mps[bodies] != 0).any(axis=1)
     names = [
         "parked" if caster.actors[i].parked else "moving" if m else "stopped"
@@ -294,7 +297,7 @@ def _attributes(caster: RayCaster, states: BodyStates, bodies: Int64) -> np.ndar
     return np.array(names, np.str_)
 
 
-def _centers(caster: RayCaster, states: BodyStates, bodies: Int64) -> Float64:
+def _centers(caster: EmbreeCaster, states: BodyStates, bodies: Int64) -> Float64:
     """Middles of boxes (B, 3) in body coordinates."""
     half = np.array([[0, 0, caster.actors[i].body.size_lwh_m[2] / 2] for i in bodies], np.float64).reshape(-1, 3)
     return _in_body(states, states.position_m[bodies] + half - states.position_m[EGO])
@@ -307,7 +310,7 @@ def _in_body(states: BodyStates, xyz: Float64) -> Float64:
     return np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=1)
 
 
-def _boxes2d(caster: RayCaster, states: BodyStates, images: Sequence[Measured]) -> Boxes2D:
+def _boxes2d(caster: EmbreeCaster, states: BodyStates, images: Sequence[Measured]) -> Boxes2D:
     pairs = [
         (one.message.sensor, one.seen) for one in images if one.seen is not None and isinstance(one.message, Image)
     ]
@@ -336,7 +339,7 @@ def _is_hidden(seen: Sequence[Seen2D], shares: Float64) -> Bool:
     return hidden
 
 
-def _distances(caster: RayCaster, states: BodyStates, bodies: Int64) -> tuple[Float64, Float64]:
+def _distances(caster: EmbreeCaster, states: BodyStates, bodies: Int64) -> tuple[Float64, Float64]:
     """Distances (B,) from the ego's origin to middles of boxes [m], and their rates [m/s], positive when receding."""
     centers = _centers(caster, states, bodies)
     distance = np.sqrt((centers * centers).sum(axis=1))

@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from fbench.datasets.city.instant import EGO, BodyStates, Motion, RayCaster
+from fbench.datasets.city.instant import EGO, BodyStates
 from fbench.datasets.city.measure import Measured, Plan, Slot, Surroundings, measure, plans, time_s, truth_at
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.scenery.scenery import scenery
 from fbench.datasets.city.spec import VERSION, CitySpec, WorldName
 from fbench.datasets.city.traffic.placing import TrafficParams
-from fbench.datasets.city.traffic.traffic import Traffic
+from fbench.datasets.city.traffic.traffic import Motion, Traffic
 from fbench.datasets.city.world.city_map import Layout
 from fbench.datasets.city.world.urban import layout
 from fbench.replay.data.messages import Message, Pose, Truth
@@ -31,7 +31,7 @@ class City:
     """A world and the traffic that goes on in it."""
 
     layout: Layout
-    caster: RayCaster
+    caster: EmbreeCaster
     traffic: Traffic
 
     def rewind(self) -> "City":

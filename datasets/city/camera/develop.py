@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 from fbench.datasets.city.camera.sky import Light
-from fbench.datasets.city.instant import EGO, Instant
+from fbench.datasets.city.instant import EGO
+from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import CameraSpec
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Float32, Float64

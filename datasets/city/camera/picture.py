@@ -10,7 +10,8 @@ from fbench.datasets.city.camera.samples import Eye, HitArrays, Samples, first_s
 from fbench.datasets.city.camera.shade import Scene, lamps_of, radiances
 from fbench.datasets.city.camera.sky import hash_noise, light_of
 from fbench.datasets.city.camera.surfaces import WETTABLE, surfaces_of
-from fbench.datasets.city.instant import MISS, BodyStates, Hits, Instant, RayCaster, Rays
+from fbench.datasets.city.instant import MISS, BodyStates, Hits, Rays
+from fbench.datasets.city.rays.caster import EmbreeCaster, Instant
 from fbench.datasets.city.rig import CameraSpec
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
@@ -28,7 +29,7 @@ _LEAST = 1e-3
 
 
 def mirrored_samples(
-    caster: RayCaster, states: BodyStates, samples: Samples, width: int
+    caster: EmbreeCaster, states: BodyStates, samples: Samples, width: int
 ) -> tuple[Samples, Int64] | None:
     """Return what every other wet pixel of every other row of an image mirrors, and which pixels (M,); or nothing.
 
@@ -215,48 +216,25 @@ def picture(now: Instant, spec: CameraSpec) -> Picture:
     light, model = light_of(now.weather), spec.model()
     caster, states, eye = now.caster, now.states, Eye(model, now.world_T_sensor)
     lamps = lamps_of(caster.actors, states, now.street_lamps_m, light)
-    scene = Scene(
-        light,
-        surfaces_of(caster, states, light),
-        lamps,
-        1 / float(model.K[0, 0]),
-        int(generator(now.seed, "camera", "clouds").integers(1 << 30)),
-    )
+    salt = int(generator(now.seed, "camera", "clouds").integers(1 << 30))
+    scene = Scene(light, surfaces_of(caster, states, light), lamps, 1 / float(model.K[0, 0]), salt)
     uv = eye.pixels()
     samples = first_samples(caster, states, eye, uv, light)
     width, height = spec.size_wh
-    linear = _antialias(caster, states, eye, uv, samples, scene).reshape(height, width, 3)
+    mirror = NOTHING  # what wet ground mirrors
+    if light.wet > 0 and (reflected := mirrored_samples(caster, states, samples, width)) is not None:
+        mirror = spread_mirrored(radiances(reflected[0], scene, NOTHING), reflected[1], spec.size_wh)
+    linear = radiances(samples, scene, mirror)
+    pixels = edge_pixels(samples, linear, width)
+    if len(pixels):
+        more = more_samples(caster, states, eye, jitter(uv, pixels, width), light, samples, pixels)
+        there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror
+        average_samples(linear, radiances(more, scene, there), pixels)
+    linear = linear.reshape(height, width, 3)
     add_streaks(linear, now, model, light)
     rgb = develop(linear, spec, light, now.generator("camera"))
     image = Image(now.sensor, now.stamp_ns, now.log_ns, jpeg(rgb, spec.jpeg_quality), "jpeg", spec.size_wh)
-    return _with_truth(image, rgb, samples, eye.depth_m(uv, samples.hits.range_m))
-
-
-def _antialias(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, samples: Samples, scene: Scene) -> Float32:
-    """Linear light (N, 3) of all pixels, at edges averaged over several rays."""
-    mirror = _mirror(caster, states, eye, samples, scene)
-    linear = radiances(samples, scene, mirror)
-    width = eye.model.size_wh[0]
-    pixels = edge_pixels(samples, linear, width)
-    if len(pixels):
-        more = more_samples(caster, states, eye, jitter(uv, pixels, width), scene.light, samples, pixels)
-        there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror
-        average_samples(linear, radiances(more, scene, there), pixels)
-    return linear
-
-
-def _mirror(caster: RayCaster, states: BodyStates, eye: Eye, samples: Samples, scene: Scene) -> Float32:
-    """What wet ground mirrors (N, 4), or nothing (0, 4) where it is dry."""
-    found = mirrored_samples(caster, states, samples, eye.model.size_wh[0]) if scene.light.wet > 0 else None
-    if found is None:
-        return NOTHING
-    seen, index = found
-    return spread_mirrored(radiances(seen, scene, NOTHING), index, eye.model.size_wh)
-
-
-def _with_truth(image: Image, rgb: Array, samples: Samples, depth_m: Float32) -> Picture:
-    width, height = image.size_wh
-    hits = samples.hits
+    hits, depth_m = samples.hits, eye.depth_m(uv, samples.hits.range_m)
     return Picture(
         image, rgb, depth_m.reshape(height, width), hits.body.reshape(height, width),
         samples.material.reshape(height, width), hits.normal.reshape(height, width, 3), hits.alone,

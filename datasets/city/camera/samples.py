@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fbench.datasets.city.camera.sky import Light
-from fbench.datasets.city.instant import MISS, BodyStates, Hits, RayCaster, Rays
+from fbench.datasets.city.instant import MISS, BodyStates, Hits, Rays
+from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.geometry.kernels import kernel
@@ -17,7 +18,7 @@ _WEAK = 0.02  # Sunlight as a share of the sky's that nobody sees
 _MOST_SAME = 2  # So many neighbors on the same triangle decide for a pixel
 
 
-def sunlit_pixels(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int) -> Bool:
+def sunlit_pixels(caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int) -> Bool:
     """Tell on which of the pixels (N,) of a whole image, row by row, the sun shines.
 
     Every other pixel is asked, like the white fields of a chessboard, and those between whose neighbors on the same
@@ -33,7 +34,7 @@ def sunlit_pixels(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits,
 
 
 def sunlit_between(
-    caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, first: Hits, first_lit: Bool,
+    caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, first: Hits, first_lit: Bool,
     pixels: Int64, width: int,
 ) -> Bool:  # fmt: skip
     """Tell where further rays, as many of each of `pixels` (E,), meet sunlight; `first` are the hits of the image.
@@ -51,7 +52,9 @@ def sunlit_between(
     return lit
 
 
-def _ask(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, index: Int64, lit: Bool) -> None:
+def _ask(
+    caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, index: Int64, lit: Bool
+) -> None:
     """Write of some hits whether anything is between them and the sun."""
     if len(index):
         start = _just_above(rays.origin_m[0], rays.direction, hits.range_m, hits.normal, index)
@@ -199,7 +202,7 @@ class Samples:
                          self.lit)  # fmt: skip
 
 
-def first_samples(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light) -> Samples:
+def first_samples(caster: EmbreeCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light) -> Samples:
     """Look through all pixels (N, 2), row by row."""
     rays = Rays(eye.world_T_camera[None, :3, 3], eye.directions(uv), RANGE_M)
     hits = caster.cast(rays, states)
@@ -208,7 +211,7 @@ def first_samples(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, 
 
 
 def more_samples(
-    caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light, first: Samples, pixels: Int64
+    caster: EmbreeCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light, first: Samples, pixels: Int64
 ) -> Samples:
     """Look through further places (n E, 2), n in each of `pixels` (E,)."""
     rays = Rays(first.rays.origin_m, eye.directions(uv), RANGE_M)

@@ -12,8 +12,9 @@ import numpy as np
 
 from fbench.datasets.city.camera.samples import HitArrays
 from fbench.datasets.city.camera.sky import Light, hash_noise, value_noise
-from fbench.datasets.city.instant import BRAKE, EGO, MISS, BodyStates, RayCaster
+from fbench.datasets.city.instant import BRAKE, EGO, MISS, BodyStates
 from fbench.datasets.city.mesh import INDEX, MATERIALS
+from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.geometry.kernels import kernel
 
@@ -91,7 +92,7 @@ class Surfaces(NamedTuple):
     near: Grid  # Which bodies are near
 
 
-def surfaces_of(caster: RayCaster, states: BodyStates, light: Light) -> Surfaces:
+def surfaces_of(caster: EmbreeCaster, states: BodyStates, light: Light) -> Surfaces:
     """Gather all surfaces at an instant."""
     bodies = [actor.body for actor in caster.actors]
     meshes = [body.phases[body.mesh_at(float(phase))] for body, phase in zip(bodies, states.phase, strict=True)]

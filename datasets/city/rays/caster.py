@@ -1,6 +1,10 @@
-"""The ray caster on Embree, with a scene for the static world and one for each body's mesh, and its culling of rays."""
+"""The ray caster on Embree, with a scene for the static world and one for each body's mesh, its culling of rays, and
+the instants that sensors see through it.
+"""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -9,8 +13,11 @@ from embreex.rtcore import EmbreeDevice
 from fbench.datasets.city.instant import EGO, MISS, STATIC, BodyStates, Hits, Rays
 from fbench.datasets.city.mesh import Actor, Mesh, merge_meshes
 from fbench.datasets.city.rays.smooth import Scene, round_normals, rounding, unit_normals
+from fbench.replay.conditions.generators import generator
+from fbench.replay.conditions.weather import Weather
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.transforms import chain
 
 _MOST = 32  # Rays that follow each other and are tested together, at most
 _TOGETHER = 0.9  # Cosine of the angle within which they are: else rows of images would be torn at their ends
@@ -237,7 +244,6 @@ def facing_normals(
     return facing
 
 
-_NO_MATERIAL = 255
 _NO_OFFSETS: Float64 = np.zeros(0)
 _NO_OFFSETS.setflags(write=False)  # like those of rays: kernels are compiled for one kind of array only
 
@@ -249,8 +255,10 @@ class EmbreeCaster:
     """
 
     def __init__(self, static: Mesh, actors: tuple[Actor, ...]) -> None:
-        self._static, self._actors = static, actors
-        phases = {mesh: None for actor in actors for mesh in actor.body.phases}
+        self.static = static  # All that never moves
+        self.actors = actors
+        """All bodies; the first, the ego vehicle, is never hit."""
+        phases = dict.fromkeys(mesh for actor in actors for mesh in actor.body.phases)
         device = EmbreeDevice()
         self._scenes = {mesh: Scene(mesh, device) for mesh in phases}
         self._world = Scene(static, device)
@@ -259,47 +267,34 @@ class EmbreeCaster:
         self._starts = {mesh: int(start) for mesh, start in zip(phases, starts[1:-1], strict=True)}
         self._normals = np.concatenate([unit_normals(mesh) for mesh in meshes])
         self._rounding = rounding(tuple(phases))
-        self._materials = np.append(merge_meshes(meshes).material, np.uint8(_NO_MATERIAL))
-
-    @property
-    def static(self) -> Mesh:
-        """All that never moves."""
-        return self._static
-
-    @property
-    def actors(self) -> tuple[Actor, ...]:
-        """All bodies; the first, the ego vehicle, is never hit."""
-        return self._actors
+        self._materials = np.append(merge_meshes(meshes).material, np.uint8(255))
 
     def cast(self, rays: Rays, states: BodyStates) -> Hits:
         """Follow rays to the first surface."""
-        range_m, triangle = self._world.nearest(_origins(rays), rays.direction, rays.range_m)
+        range_m, triangle = self._world.nearest(rays.origin_m, rays.direction, rays.range_m)
         missed = triangle < 0
         range_m[missed] = np.inf
         body = np.where(missed, np.int32(MISS), np.int32(STATIC))
-        aim = _Aim(rays, states)
         alone = []
-        for i, scene in self._others(states):
-            reached, origin_m, direction = aim.at(i, scene)
-            if len(reached):
-                near_m, near = scene.nearest(origin_m, direction, rays.range_m)
-                hit = merge_nearer(reached, near_m, near, i, range_m, body, triangle)
-                alone += [(i, hit)] if len(hit) else []
-        normal = facing_normals(
-            body, triangle, rays.direction, aim.offset_s, aim.bodies, self._first(states), self._normals
-        )
+        for i, scene, reached, origin_m, direction in self._meet(rays, states):
+            near_m, near = scene.nearest(origin_m, direction, rays.range_m)
+            hit = merge_nearer(reached, near_m, near, i, range_m, body, triangle)
+            alone += [(i, hit)] if len(hit) else []
+        offset_s = _NO_OFFSETS if rays.offset_s is None else rays.offset_s
+        first = self._first(states)
+        normal = facing_normals(body, triangle, rays.direction, offset_s, _poses(states), first, self._normals)
         return Hits(range_m, body, triangle, normal, tuple(alone))
 
     def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
         """Tell of which rays (N,) something is in the way within their range: shadows."""
-        found = self._world.blocks(_origins(rays), rays.direction, rays.range_m)
-        free = np.flatnonzero(~found)
-        aim = _Aim(_some(rays, free), states)
-        for i, scene in self._others(states):
-            reached, origin_m, direction = aim.at(i, scene)
-            if len(reached):
-                found[free[reached[scene.blocks(origin_m, direction, rays.range_m)]]] = True
-        return found
+        blocked = self._world.blocks(rays.origin_m, rays.direction, rays.range_m)
+        free = np.flatnonzero(~blocked)
+        origin = rays.origin_m if len(rays.origin_m) == 1 else rays.origin_m[free]
+        offset_s = None if rays.offset_s is None else rays.offset_s[free]
+        others = Rays(origin, rays.direction[free], rays.range_m, offset_s)
+        for _, scene, reached, origin_m, direction in self._meet(others, states):
+            blocked[free[reached[scene.blocks(origin_m, direction, rays.range_m)]]] = True
+        return blocked
 
     def material(self, hits: Hits, states: BodyStates) -> Array:
         """Indices (N,) uint8 into `MATERIALS` of what was hit; 255 where nothing was."""
@@ -307,53 +302,64 @@ class EmbreeCaster:
         return np.asarray(self._materials[first[hits.body] + hits.triangle])
 
     def smooth_normals(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
-        """Normals (N, 3) as if bodies were round where their triangles meet at small angles."""
+        """Normals (N, 3) like `Hits.normal`, as if bodies were round where their triangles meet at small angles: for
+        shading. All rays have one origin and no offset.
+        """
         bodies = np.column_stack([states.position_m, states.yaw_rad])
-        first = self._first(states) - len(self._static)
+        first = self._first(states) - len(self.static)
         return round_normals(
             hits.body, hits.triangle, hits.range_m, rays.direction, rays.origin_m[0], hits.normal, bodies, first,
             self._rounding,
         )  # fmt: skip
 
-    def _others(self, states: BodyStates) -> list[tuple[int, Scene]]:
-        scenes = ((i, self._scenes[self._mesh(i, states)]) for i in range(EGO + 1, len(self._actors)))
-        return [(i, scene) for i, scene in scenes if not scene.is_empty]
+    def _meet(self, rays: Rays, states: BodyStates) -> Iterator[tuple[int, Scene, Int64, Float32, Float32]]:
+        """Yield each body of which rays (M,) meet the box, with these, and their origins and directions in its
+        coordinates.
+        """
+        offset_s, bodies = _NO_OFFSETS if rays.offset_s is None else rays.offset_s, _poses(states)
+        starts = starts_of_blocks(rays.direction)
+        blocks = cones_of_blocks(starts, rays.origin_m, rays.direction, offset_s)
+        for i in range(EGO + 1, len(self.actors)):
+            scene = self._scenes[self._mesh(i, states)]
+            if not scene.is_empty:
+                reached, origin_m, direction = rays_at_body(
+                    blocks, starts, rays.origin_m, rays.direction, offset_s, float(rays.range_m), bodies[i], scene.box_m
+                )
+                if len(reached):
+                    yield i, scene, reached, origin_m, direction
 
     def _first(self, states: BodyStates) -> Int64:
         """Where the mesh of each body begins among all meshes."""
-        return np.array([self._starts[self._mesh(i, states)] for i in range(len(self._actors))], np.int64)
+        return np.array([self._starts[self._mesh(i, states)] for i in range(len(self.actors))], np.int64)
 
     def _mesh(self, i: int, states: BodyStates) -> Mesh:
-        body = self._actors[i].body
+        body = self.actors[i].body
         return body.phases[body.mesh_at(float(states.phase[i]))]
 
 
-class _Aim:
-    """Rays, ready to be sorted by the bodies that they can hit."""
-
-    def __init__(self, rays: Rays, states: BodyStates) -> None:
-        self.bodies: Float64 = np.column_stack(
-            [states.position_m, states.yaw_rad, states.velocity_mps, states.yaw_rate_radps]
-        )
-        self.offset_s: Float64 = _NO_OFFSETS if rays.offset_s is None else rays.offset_s
-        self._rays = rays
-        self._starts = starts_of_blocks(rays.direction)
-        self._blocks = cones_of_blocks(self._starts, rays.origin_m, rays.direction, self.offset_s)
-
-    def at(self, i: int, scene: Scene) -> tuple[Int64, Float32, Float32]:
-        """Return the rays (M,) that meet the box of body `i`, with origins and directions in its coordinates."""
-        rays = self._rays
-        return rays_at_body(
-            self._blocks, self._starts, rays.origin_m, rays.direction, self.offset_s, float(rays.range_m),
-            self.bodies[i], scene.box_m,
-        )  # fmt: skip
+def _poses(states: BodyStates) -> Float64:
+    return np.column_stack([states.position_m, states.yaw_rad, states.velocity_mps, states.yaw_rate_radps])
 
 
-def _origins(rays: Rays) -> Float32:
-    return np.broadcast_to(rays.origin_m.astype(np.float32), rays.direction.shape)
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """The world around one sensor when it measures; what it is like itself is said by its spec."""
 
+    caster: EmbreeCaster
+    states: BodyStates  # Of all bodies at `stamp_ns`
+    weather: Weather
+    street_lamps_m: Float64  # (L, 3) in the world
+    seed: int  # Of all chances
+    sensor: str  # Its name
+    body_T_sensor: Float64  # (4, 4) its mount on the ego vehicle
+    stamp_ns: int
+    log_ns: int  # When the message arrives
 
-def _some(rays: Rays, chosen: Int64) -> Rays:
-    origin_m = rays.origin_m if len(rays.origin_m) == 1 else rays.origin_m[chosen]
-    offset_s = None if rays.offset_s is None else rays.offset_s[chosen]
-    return Rays(origin_m, rays.direction[chosen], rays.range_m, offset_s)
+    @property
+    def world_T_sensor(self) -> Float64:
+        """Pose (4, 4) of the sensor in the world."""
+        return chain(self.states.world_T_body(EGO), self.body_T_sensor)
+
+    def generator(self, what: str, *scope: str) -> np.random.Generator:
+        """Return the random numbers for `what` in the sensor's one message."""
+        return generator(self.seed, what, self.sensor, self.stamp_ns, *scope)

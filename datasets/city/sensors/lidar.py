@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.instant import EGO, MISS, BodyStates, Hits, Instant, Rays
+from fbench.datasets.city.instant import EGO, MISS, BodyStates, Hits, Rays
 from fbench.datasets.city.mesh import MATERIALS
+from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import LidarSpec
 from fbench.replay.conditions.lidar import SCATTERED, WEAKEST, FogReturn, fog_echoes, rain_echoes
 from fbench.replay.conditions.weather import CLEAR_MOR_M, Weather, extinction_per_m, fog_extinction_per_m, fog_of
@@ -134,7 +135,7 @@ def reflectivity(hits: Hits, material: Array, direction: Float32) -> Float64:
 
     Args:
         hits: of the beams.
-        material: (N,) of what was hit, see `RayCaster.material`.
+        material: (N,) of what was hit, see `EmbreeCaster.material`.
         direction: (N, 3) unit vectors in the world.
     """
     n, d = hits.normal, direction

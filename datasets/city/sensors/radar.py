@@ -6,8 +6,9 @@ from typing import Self
 
 import numpy as np
 
-from fbench.datasets.city.instant import EGO, MISS, BodyStates, Instant, Rays
+from fbench.datasets.city.instant import EGO, MISS, BodyStates, Rays
 from fbench.datasets.city.mesh import MATERIALS
+from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import RadarSpec
 from fbench.replay.conditions.weather import radar_loss_db
 from fbench.replay.data.arrays import Array, Float64, freeze_fields

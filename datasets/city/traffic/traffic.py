@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from fbench.datasets.city.bodies.make import make_body
-from fbench.datasets.city.instant import BodyStates, Motion
+from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.mesh import Actor, Body
 from fbench.datasets.city.traffic.follow_kernel import accelerate, change_lanes
 from fbench.datasets.city.traffic.gate_kernel import asking_movers, give_rights, holders, lights_at, take_back
@@ -58,8 +58,8 @@ def poses_of(net: Network, state: State, since_s: float) -> Float64:
 
 
 @dataclass(frozen=True, eq=False)
-class PlayedMotion:
-    """What everybody does in some steps; implements `Motion`."""
+class Motion:
+    """What everybody does in some steps; never changes, so threads can share it."""
 
     net: Network
     signals: SignalPlan
@@ -236,7 +236,7 @@ class Traffic:
                 self._steps.append(state)
         self._steps = self._steps[len(self._steps) - (self._step - first) :]
         kept = tuple(self._steps[: last - first + 1])
-        return PlayedMotion(self._net, self._signals, kept, first, STEP_S, from_s, to_s, self._parked)
+        return Motion(self._net, self._signals, kept, first, STEP_S, from_s, to_s, self._parked)
 
     def _advance(self) -> State:
         """Do one step; return what was decided for it."""
