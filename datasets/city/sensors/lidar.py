@@ -8,7 +8,7 @@ from fbench.datasets.city.instant import EGO, MISS, BodyStates, Hits, Rays
 from fbench.datasets.city.mesh import MATERIALS
 from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import LidarSpec
-from fbench.replay.conditions.lidar import SCATTERED, WEAKEST, FogReturn, fog_echoes, rain_echoes
+from fbench.replay.conditions.lidar import SCATTERED, WEAKEST, fog_echoes, rain_echoes
 from fbench.replay.conditions.weather import CLEAR_MOR_M, Weather, extinction_per_m, fog_extinction_per_m, fog_of
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, freeze_fields
 from fbench.replay.data.messages import PointCloud
@@ -48,42 +48,27 @@ def echoes(
     depends on the distance alone in Hahner's model, its echo is received instead. The model relates the fog's echo to
     the target's, so a beam without a target has none.
     """
-    through_rain = _through_rain if weather.rain_mm_h > 0 else _through_dry_air
-    hard = through_rain(range_m, reflectivity, weather, power_floor(sensor_range_m), rng)
+    floor, extinction = power_floor(sensor_range_m), extinction_per_m(weather)
+    if weather.rain_mm_h > 0:  # by LISA's model echoes are lost, come from drops, and are noisy where they are weak
+        equal_range_m = float(np.sqrt(WEAKEST / floor))
+        rain = rain_echoes(weather.rain_mm_h, extinction, range_m, reflectivity, rng, equal_range_m)
+        received_m = np.where(np.isfinite(rain.range_m), rain.range_m, 0.0)
+        at_m, intensity, is_scattered = rain.range_m, rain.power * received_m * received_m, rain.label == SCATTERED
+    else:
+        intensity = reflectivity * np.exp(-2 * extinction * range_m)
+        received = intensity >= floor * range_m * range_m
+        at_m, intensity = np.where(received, range_m, np.inf), intensity * received
+        is_scattered = np.zeros(len(range_m), bool)
     fog = fog_of(weather)
-    drowned = np.isfinite(range_m) & (range_m > fog.switch_m) & ~hard.is_scattered
-    return _with_fog(hard, np.flatnonzero(drowned), fog, range_m, reflectivity, rng) if drowned.any() else hard
-
-
-def _through_dry_air(
-    range_m: Float64, reflectivity: Float64, weather: Weather, floor: float, rng: np.random.Generator
-) -> Echoes:
-    intensity = reflectivity * np.exp(-2 * extinction_per_m(weather) * range_m)
-    received = intensity >= floor * range_m * range_m
-    return Echoes(np.where(received, range_m, np.inf), intensity * received, np.zeros(len(range_m), bool))
-
-
-def _through_rain(
-    range_m: Float64, reflectivity: Float64, weather: Weather, floor: float, rng: np.random.Generator
-) -> Echoes:
-    """Return what LISA's model lets through: echoes are lost, come from drops, and are noisy where they are weak."""
-    equal_range_m = float(np.sqrt(WEAKEST / floor))
-    rain = rain_echoes(weather.rain_mm_h, extinction_per_m(weather), range_m, reflectivity, rng, equal_range_m)
-    received_m = np.where(np.isfinite(rain.range_m), rain.range_m, 0.0)
-    return Echoes(rain.range_m, rain.power * received_m * received_m, rain.label == SCATTERED)
-
-
-def _with_fog(
-    hard: Echoes, drowned: np.ndarray[tuple[int, ...], np.dtype[np.int64]], fog: FogReturn, range_m: Float64,
-    reflectivity: Float64, rng: np.random.Generator,
-) -> Echoes:  # fmt: skip
-    soft = fog_echoes(fog, range_m[drowned], rng)
-    strength = reflectivity[drowned] * soft.strength
-    noticed = strength >= FAINTEST
-    at_m, intensity, is_scattered = hard.range_m.copy(), hard.intensity.copy(), hard.is_scattered.copy()
-    at_m[drowned] = np.where(noticed, soft.range_m, np.inf)
-    intensity[drowned] = strength * noticed
-    is_scattered[drowned] = noticed
+    drowned = np.flatnonzero(np.isfinite(range_m) & (range_m > fog.switch_m) & ~is_scattered)
+    if len(drowned):
+        at_m, intensity, is_scattered = at_m.copy(), intensity.copy(), is_scattered.copy()
+        soft = fog_echoes(fog, range_m[drowned], rng)
+        strength = reflectivity[drowned] * soft.strength
+        noticed = strength >= FAINTEST
+        at_m[drowned] = np.where(noticed, soft.range_m, np.inf)
+        intensity[drowned] = strength * noticed
+        is_scattered[drowned] = noticed
     return Echoes(at_m, intensity, is_scattered)
 
 
@@ -109,17 +94,13 @@ def firing(spec: LidarSpec) -> Firing:
     shot = np.arange(num)
     ring = shot % spec.channels
     azimuth = np.pi - shot * (2 * np.pi / num)
-    altitude = _altitudes_rad(spec)
+    altitude = np.radians(np.linspace(spec.upper_deg, spec.lower_deg, spec.channels))
+    if spec.channels == 1:
+        altitude = np.radians([(spec.upper_deg + spec.lower_deg) / 2])
     flat, up = np.cos(altitude)[ring], np.sin(altitude)[ring]
     direction = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=1)
     offset_ns = np.rint((shot - (num - 1)) * (1e9 / spec.rate_hz / num))
     return Firing(direction, ring.astype(np.uint16), offset_ns.astype(np.int32))
-
-
-def _altitudes_rad(spec: LidarSpec) -> Float64:
-    if spec.channels == 1:
-        return np.radians([(spec.upper_deg + spec.lower_deg) / 2])
-    return np.radians(np.linspace(spec.upper_deg, spec.lower_deg, spec.channels))
 
 
 _NOTHING = [0.0] * (256 - len(MATERIALS))
@@ -171,16 +152,12 @@ def sweep(now: Instant, spec: LidarSpec) -> Sweep:
     own = now.generator("lidar")
     measured_m = received.range_m + spec.noise_m * own.standard_normal(len(true_m))
     kept = np.flatnonzero(np.isfinite(received.range_m) & (own.random(len(true_m)) >= spec.dropout))
-    cloud = _cloud(shots, np.maximum(measured_m[kept], 0.0), received, kept, now)
+    xyz = (shots.direction[kept] * np.maximum(measured_m[kept], 0.0)[:, None]).astype(np.float32)
+    intensity, ring, offset_ns = np.minimum(received.intensity[kept], 1.0), shots.ring[kept], shots.offset_ns[kept]
+    cloud = PointCloud(now.sensor, now.stamp_ns, now.log_ns, xyz, intensity.astype(np.float32), ring, offset_ns)
     scattered = received.is_scattered[kept]
     body = np.where(scattered, np.int32(MISS), hits.body[kept])
     return Sweep(cloud, body, np.where(scattered, received.range_m[kept], true_m[kept]))
-
-
-def _cloud(shots: Firing, range_m: Float64, received: Echoes, kept: Array, now: Instant) -> PointCloud:
-    xyz = (shots.direction[kept] * range_m[:, None]).astype(np.float32)
-    intensity = np.minimum(received.intensity[kept], 1.0).astype(np.float32)
-    return PointCloud(now.sensor, now.stamp_ns, now.log_ns, xyz, intensity, shots.ring[kept], shots.offset_ns[kept])
 
 
 def _rays(states: BodyStates, spec: LidarSpec, body_T_sensor: Float64, shots: Firing) -> Rays:
