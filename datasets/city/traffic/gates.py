@@ -30,27 +30,33 @@ class Conflicts:
 
 def conflicts_of(lanes: tuple[Lane, ...], along: list[Float64]) -> Conflicts:
     """Find all pairs of lanes that meet."""
-    sampled = [_sample_points(lane, a) for lane, a in zip(lanes, along, strict=True)]
-    index = np.concatenate([np.full(len(s), i) for i, (s, _) in enumerate(sampled)])
-    at = np.concatenate([s for s, _ in sampled])
+    ats, points = [], []
+    for lane, a in zip(lanes, along, strict=True):
+        ats.append(np.linspace(0, a[-1], max(int(a[-1] / _SAMPLE_M), 2) + 1))
+        points.append(np.column_stack([np.interp(ats[-1], a, lane.points_m[:, k]) for k in range(2)]))
+    index, at = np.repeat(np.arange(len(ats)), [len(s) for s in ats]), np.concatenate(ats)
     half = np.array([HALF_WIDTH_M[lane.kind] for lane in lanes])
     margin = np.array([_MARGIN_M[lane.kind] for lane in lanes])
-    reach = 2 * (half.max() + margin.max())
-    tree = cKDTree(np.concatenate([xy for _, xy in sampled]))
-    pairs = tree.query_pairs(reach, output_type="ndarray")
+    tree = cKDTree(np.concatenate(points))
+    pairs = tree.query_pairs(2 * (half.max() + margin.max()), output_type="ndarray")
     i, j = index[pairs[:, 0]], index[pairs[:, 1]]
     apart = tree.data[pairs[:, 0]] - tree.data[pairs[:, 1]]
     near = np.sqrt((apart * apart).sum(axis=1)) < half[i] + half[j] + np.maximum(margin[i], margin[j])
     followed = _follow(lanes, along)
-    keep = near & (i != j) & ~followed[i, j] & ~followed[j, i]
-    rows = pairs[keep]
+    rows = pairs[near & (i != j) & ~followed[i, j] & ~followed[j, i]]
     both = np.concatenate([rows, rows[:, ::-1]])
-    return _group_conflicts(index, at, both, _siblings(lanes))
-
-
-def _sample_points(lane: Lane, along: Float64) -> tuple[Float64, Float64]:
-    s = np.linspace(0, along[-1], max(int(along[-1] / _SAMPLE_M), 2) + 1)
-    return s, np.column_stack([np.interp(s, along, lane.points_m[:, k]) for k in range(2)])
+    i, j = index[both[:, 0]], index[both[:, 1]]
+    order = np.lexsort((j, i))
+    i, j, s, t = i[order], j[order], at[both[order, 0]], at[both[order, 1]]
+    first = np.flatnonzero(np.concatenate([[True], (np.diff(i) != 0) | (np.diff(j) != 0)])[: len(i)])
+    lane_of, other = i[first].astype(np.int64), j[first].astype(np.int64)
+    low, high = np.minimum.reduceat(s, first), np.maximum.reduceat(s, first)
+    other_low, other_high = np.minimum.reduceat(t, first), np.maximum.reduceat(t, first)
+    siblings = np.zeros((len(lanes), len(lanes)), bool)
+    for lane in lanes:
+        siblings[np.ix_(lane.successors, lane.successors)] = True
+    parts = siblings[lane_of, other] & (low < 0.5) & (other_low < 0.5)
+    return Conflicts(lane_of, other, low, high, other_low, other_high, parts)
 
 
 def _follow(lanes: tuple[Lane, ...], along: list[Float64]) -> Bool:
@@ -63,33 +69,8 @@ def _follow(lanes: tuple[Lane, ...], along: list[Float64]) -> Bool:
             result[i, k] = True
             if far + along[k][-1] < _JOINED_M:
                 ahead += [(n, far + along[k][-1]) for n in lanes[k].successors]
-        for beside in (lane.left, lane.right):
-            if beside is not None:
-                result[i, beside] = True
+        result[i, [k for k in (lane.left, lane.right) if k is not None]] = True
     return result
-
-
-def _siblings(lanes: tuple[Lane, ...]) -> Bool:
-    result = np.zeros((len(lanes), len(lanes)), bool)
-    for lane in lanes:
-        for k in lane.successors:
-            result[k, list(lane.successors)] = True
-    return result
-
-
-def _group_conflicts(index: Array, at: Float64, both: Int64, siblings: Bool) -> Conflicts:
-    i, j = index[both[:, 0]], index[both[:, 1]]
-    order = np.lexsort((j, i))
-    i, j, s, t = i[order], j[order], at[both[order, 0]], at[both[order, 1]]
-    first = np.flatnonzero(np.concatenate([[True], (np.diff(i) != 0) | (np.diff(j) != 0)])[: len(i)])
-    lane, other = i[first].astype(np.int64), j[first].astype(np.int64)
-    if not len(first):
-        none = np.zeros(0)
-        return Conflicts(lane, other, none, none, none, none, np.zeros(0, bool))
-    low, high = np.minimum.reduceat(s, first), np.maximum.reduceat(s, first)
-    other_low, other_high = np.minimum.reduceat(t, first), np.maximum.reduceat(t, first)
-    parts = siblings[lane, other] & (low < 0.5) & (other_low < 0.5)
-    return Conflicts(lane, other, low, high, other_low, other_high, parts)
 
 
 _APART_M = 2.0  # Stretches that are nearer to each other become one
@@ -122,8 +103,18 @@ def gates_of(lanes: tuple[Lane, ...], along: list[Float64], conflicts: Conflicts
     rows: list[int] = []
     for i, lane in enumerate(lanes):
         mine = np.flatnonzero((conflicts.lane == i) & ~conflicts.parts)
-        whole = lane.in_junction or i in after_signal
-        for begin, end, members in _merge_spans(conflicts, mine, float(along[i][-1]), whole):
+        spans: list[tuple[float, float, list[int]]] = []
+        if lane.in_junction or i in after_signal:
+            spans = [(0.0, float(along[i][-1]), mine.tolist())]
+        else:
+            for row in mine[np.argsort(conflicts.lane_from_m[mine], kind="stable")].tolist():
+                begin, end = float(conflicts.lane_from_m[row]), float(conflicts.lane_to_m[row])
+                if spans and begin < spans[-1][1] + _APART_M:
+                    before = spans.pop()
+                    spans.append((before[0], max(before[1], end), [*before[2], row]))
+                else:
+                    spans.append((begin, end, [row]))
+        for begin, end, members in spans:
             gates.append((begin, end, len(rows), len(rows) + len(members)))
             rows += members
         first.append(len(gates))
@@ -131,19 +122,3 @@ def gates_of(lanes: tuple[Lane, ...], along: list[Float64], conflicts: Conflicts
     met["lane"], met["from_m"] = conflicts.other[taken], conflicts.other_from_m[taken]
     met["to_m"] = conflicts.other_to_m[taken]
     return np.array(first), np.array(gates, GATE), met
-
-
-def _merge_spans(
-    conflicts: Conflicts, mine: Array, length_m: float, whole: bool
-) -> list[tuple[float, float, list[int]]]:
-    if whole:
-        return [(0.0, length_m, [int(row) for row in mine])]
-    gates: list[tuple[float, float, list[int]]] = []
-    for row in mine[np.argsort(conflicts.lane_from_m[mine], kind="stable")]:
-        begin, end = float(conflicts.lane_from_m[row]), float(conflicts.lane_to_m[row])
-        if gates and begin < gates[-1][1] + _APART_M:
-            before = gates.pop()
-            gates.append((before[0], max(before[1], end), [*before[2], int(row)]))
-        else:
-            gates.append((begin, end, [int(row)]))
-    return gates

@@ -1,5 +1,6 @@
 """The lanes of a map and everybody on them as flat arrays for compiled code."""
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,7 @@ WINDOW, HERE = 14, 4  # How many lanes of its way each mover keeps, and which of
 NUM_CHOICES = 512  # Numbers drawn for each mover to choose its ways with, over and over
 AXLE = 0.3  # Axles before and behind the middle of the footprint, as a share of the length
 EMERGENCY, CHANGE = 0, 1  # Counters: bodies stopped at once because they would have touched another; lane changes
-
-
+CHANGE_S = 3.5  # How long a change of lanes takes
 MOVER = np.dtype([
     # what each is like
     ("length_m", "f8"), ("width_m", "f8"), ("kind", "i8"), ("factor", "f8"), ("fastest_mps", "f8"), ("headway_s", "f8"),
@@ -39,9 +39,6 @@ right_to_m: distance traveled up to which it may enter gates. waited_s: at a gat
 """
 
 
-CHANGE_S = 3.5  # How long a change of lanes takes
-
-
 class State(NamedTuple):
     """N movers; compiled code changes the arrays."""
 
@@ -61,7 +58,11 @@ _SHORT_M, _STEP_M = 7.0, 0.25  # All lanes are made for vehicles up to here
 
 def usable_lengths(lanes: tuple[Lane, ...], along: list[Float64], tangents: list[Float64]) -> Float64:
     """Length (L,) of the longest vehicle that may use a lane, and that is never led to where it may not go on."""
-    longest = np.array([_longest_fitting(lane, a, t) for lane, a, t in zip(lanes, along, tangents, strict=True)])
+    longest = np.array([lane.longest_m for lane in lanes])
+    for i, (lane, a, t) in enumerate(zip(lanes, along, tangents, strict=True)):
+        bend = float(np.quantile(_bends(a, t), 0.9))
+        if lane.kind == "drive" and bend >= 1e-3:
+            longest[i] = min(lane.longest_m, longest_in_curve(1 / bend, lane.width_m))
     while True:
         onwards = np.array([max(longest[list(lane.successors)]) for lane in lanes])
         if (longest <= onwards).all():
@@ -69,12 +70,10 @@ def usable_lengths(lanes: tuple[Lane, ...], along: list[Float64], tangents: list
         longest = np.minimum(longest, onwards)
 
 
-def _longest_fitting(lane: Lane, along: Float64, tangent: Float64) -> float:
+def _bends(along: Float64, tangent: Float64) -> Float64:
+    """Curvature [1/m] between points."""
     cross = tangent[:-1, 0] * tangent[1:, 1] - tangent[:-1, 1] * tangent[1:, 0]
-    bend = float(np.quantile(np.abs(np.arcsin(np.clip(cross, -1, 1))) / np.diff(along), 0.9))
-    if lane.kind != "drive" or bend < 1e-3:
-        return lane.longest_m
-    return min(lane.longest_m, longest_in_curve(1 / bend, lane.width_m))
+    return np.asarray(np.abs(np.arcsin(np.clip(cross, -1, 1))) / np.diff(along))
 
 
 def longest_in_curve(radius_m: float, lane_m: float) -> float:
@@ -97,8 +96,6 @@ _LATERAL_MPS2 = 2.8
 """Lateral acceleration that drivers accept in curves (chosen; about 2 is comfortable, 3 and more is felt as brisk)."""
 _SLOWING_MPS2 = 1.2  # How hard they brake before a curve
 _CRAWL_MPS = 1.0
-
-
 ALONG, CURVE = 5, 6  # Columns of `Network.path`
 
 LANE = np.dtype([
@@ -151,39 +148,23 @@ def network_of(city_map: CityMap) -> Network:
     gate_starts, gates, conflicts = gates_of(lanes, along, pairs)
     nexts = [(k, _weight(tangents[k])) for lane in lanes for k in lane.successors]
     groups = zip(signals.green_from_s, signals.green_s, strict=True)
+    path = [np.column_stack([lane.points_m, t, a, _curve_speeds(a, t)])
+            for lane, a, t in zip(lanes, along, tangents, strict=True)]  # fmt: skip
+    rows = np.zeros(len(lanes), LANE)
+    starts = {"point": np.cumsum([0, *(len(a) for a in along)]), "split": split_starts, "gate": gate_starts,
+              "next": np.cumsum([0, *(len(lane.successors) for lane in lanes)])}  # fmt: skip
+    for name, begin in starts.items():
+        rows[f"{name}_from"], rows[f"{name}_to"] = begin[:-1], begin[1:]
+    rows["length_m"], rows["kind"] = [a[-1] for a in along], [KINDS[lane.kind] for lane in lanes]
+    rows["speed_mps"], rows["longest_m"] = [lane.speed_mps for lane in lanes], usable_lengths(lanes, along, tangents)
+    rows["turns_left"] = [lane.kind == "drive" and lane.in_junction and _turns_left(t)
+                          for lane, t in zip(lanes, tangents, strict=True)]  # fmt: skip
+    for name in ("left", "right", "signal"):
+        rows[name] = [-1 if getattr(lane, name) is None else getattr(lane, name) for lane in lanes]
     return Network(
-        np.concatenate([_path(lane, a, t) for lane, a, t in zip(lanes, along, tangents, strict=True)]),
-        _lanes(lanes, along, tangents, split_starts, gate_starts),
-        np.array(nexts, NEXT), splits, gates, conflicts,
+        np.concatenate(path), rows, np.array(nexts, NEXT), splits, gates, conflicts,
         np.array(list(groups), GROUP), float(signals.cycle_s), float(signals.yellow_s),
     )  # fmt: skip
-
-
-def _path(lane: Lane, along: Float64, tangent: Float64) -> Float64:
-    return np.column_stack([lane.points_m, tangent, along, _curve_speeds(along, tangent)])
-
-
-def _lanes(
-    lanes: tuple[Lane, ...], along: list[Float64], tangents: list[Float64], splits: Array, gates: Array
-) -> Array:
-    result = np.zeros(len(lanes), LANE)
-    starts = {
-        "point": np.cumsum([0, *(len(a) for a in along)]),
-        "next": np.cumsum([0, *(len(lane.successors) for lane in lanes)]),
-        "split": splits,
-        "gate": gates,
-    }
-    for name, rows in starts.items():
-        result[f"{name}_from"], result[f"{name}_to"] = rows[:-1], rows[1:]
-    result["length_m"] = [a[-1] for a in along]
-    result["kind"] = [KINDS[lane.kind] for lane in lanes]
-    result["speed_mps"] = [lane.speed_mps for lane in lanes]
-    result["longest_m"] = usable_lengths(lanes, along, tangents)
-    result["turns_left"] = [lane.kind == "drive" and lane.in_junction and _turns_left(t)
-                            for lane, t in zip(lanes, tangents, strict=True)]  # fmt: skip
-    for name in ("left", "right", "signal"):
-        result[name] = [-1 if getattr(lane, name) is None else getattr(lane, name) for lane in lanes]
-    return result
 
 
 def lane_tangents(lanes: tuple[Lane, ...]) -> list[Float64]:
@@ -209,10 +190,8 @@ def _tangents(points: Float64) -> Float64:
     h = np.sqrt((step * step).sum(axis=1))[:, None]
     slope = step / h
     inner = (slope[:-1] * h[1:] + slope[1:] * h[:-1]) / (h[:-1] + h[1:])
-    if len(inner):
-        tangent = np.concatenate([2 * slope[:1] - inner[:1], inner, 2 * slope[-1:] - inner[-1:]])
-    else:
-        tangent = np.concatenate([slope, slope])
+    ends = (2 * slope[:1] - inner[:1], 2 * slope[-1:] - inner[-1:]) if len(inner) else (slope, slope)
+    tangent = np.concatenate([ends[0], inner, ends[1]])
     return np.asarray(tangent / np.sqrt((tangent * tangent).sum(axis=1))[:, None], np.float64)
 
 
@@ -229,16 +208,14 @@ def _nodes(lanes: tuple[Lane, ...]) -> list[list[tuple[int, int]]]:
         for k in lane.successors:
             parent[root(2 * k)] = root(2 * i + 1)
     groups: dict[int, list[tuple[int, int]]] = {}
-    for i in range(len(lanes)):
-        groups.setdefault(root(2 * i), []).append((i, 0))
-        groups.setdefault(root(2 * i + 1), []).append((i, -1))
+    for i, end in product(range(len(lanes)), (0, -1)):
+        groups.setdefault(root(2 * i - end), []).append((i, end))
     return list(groups.values())
 
 
 def _curve_speeds(along: Float64, tangent: Float64) -> Float64:
     """Speed (P,) that keeps v^2 / R in curves, with room to brake before them."""
-    cross = tangent[:-1, 0] * tangent[1:, 1] - tangent[:-1, 1] * tangent[1:, 0]
-    bend = np.abs(np.arcsin(np.clip(cross, -1, 1))) / np.diff(along)
+    bend = _bends(along, tangent)
     at = np.maximum(np.append(bend, 0.0), np.append(0.0, bend))
     speed = np.maximum(np.sqrt(_LATERAL_MPS2 / np.maximum(at, 1e-6)), _CRAWL_MPS)
     for i in range(len(speed) - 2, -1, -1):

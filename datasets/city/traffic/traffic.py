@@ -105,8 +105,7 @@ def _phase(state: State, gone: Float64) -> Float64:
 def _lamps(signals: SignalPlan, time_s: float) -> Bool:
     """Red, yellow and green of every group, (3 G,)."""
     green, yellow = signals.is_green(time_s), signals.is_yellow(time_s)
-    lamps: Bool = np.column_stack([~green & ~yellow, yellow & ~green, green]).ravel()
-    return lamps
+    return np.asarray(np.column_stack([~green & ~yellow, yellow & ~green, green]).ravel())
 
 
 _TRIAL_S, _START_S, _EVERY = 10.0, 5.0, 5
