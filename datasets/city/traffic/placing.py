@@ -3,18 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from fbench.datasets.city.mesh import Actor, Body
+from fbench.datasets.city.mesh import Body
 from fbench.datasets.city.spec import WorldName
 from fbench.datasets.city.traffic.network import BIKE, DRIVE, HERE, MOVER, NUM_CHOICES, WALK, WINDOW, Network, State
 from fbench.datasets.city.traffic.path_kernel import extend
-from fbench.datasets.city.world.city_map import CityMap
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.arrays import Array, Float64
+from fbench.replay.data.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -76,16 +75,14 @@ def draw_driver(label: str, height_m: float, spread: float, draw: np.random.Gene
     )  # fmt: skip
 
 
-_TRIES = 300
+_TRIES, _LEAST_LANE_M = 300, 6.0
 _START = 0.7  # Share of the desired speed at first
-_FREE_M = {0: 6.0, 1: 3.0, 2: 1.0}
-_FREE_S = {0: 0.8, 1: 0.5, 2: 0.5}  # Least gap to others: in meters, and in seconds of one's speed on top
-_LEAST_LANE_M = 6.0
+_FREE = {DRIVE: (6.0, 0.8), BIKE: (3.0, 0.5), WALK: (1.0, 0.5)}
+"""Least gap to others: in meters, and in seconds of one's speed on top."""
 _LEAVING_MPS2 = 1.5  # One can brake so gently and stop at the end of the lane
 
 
-@dataclass
-class Place:
+class Place(NamedTuple):
     """A mover's beginning."""
 
     lane: int
@@ -113,13 +110,6 @@ def place_movers(net: Network, bodies: list[Body], spread: float, seed: int) -> 
     return [bodies[i] for i in keep], state
 
 
-def place_parked(city_map: CityMap, bodies: list[Body], rows: Array) -> tuple[list[Actor], Float64]:
-    """Actors that stand in places to park, and their x, y, z, yaw (K, 4)."""
-    places = [city_map.parkings[row] for row in rows]
-    at = np.array([[*place.position_m, place.yaw_rad] for place in places], np.float64).reshape(-1, 4)
-    return [Actor(body, parked=True) for body in bodies], at
-
-
 def _place(
     net: Network,
     length_m: float,
@@ -127,42 +117,28 @@ def _place(
     taken: dict[int, list[tuple[float, float]]],
     draw: np.random.Generator,
 ) -> Place | None:
-    room = np.where(_usable(net, length_m, driver), np.maximum(net.lanes["length_m"] - length_m - 2.0, 0.0), 0.0)
-    room[net.lanes["length_m"] < _LEAST_LANE_M] = 0.0
+    lanes = net.lanes
+    usable = (lanes["kind"] == driver.kind) & (lanes["longest_m"] >= length_m) & (lanes["length_m"] >= _LEAST_LANE_M)
+    if driver.keeps_right:
+        usable &= lanes["right"] < 0
+    room = np.where(usable, np.maximum(lanes["length_m"] - length_m - 2.0, 0.0), 0.0)
     if not room.sum():
         return None
-    edges = np.cumsum(room)
+    edges, (free_m, free_s) = np.cumsum(room), _FREE[driver.kind]
     for _ in range(_TRIES):
         lane = int(np.searchsorted(edges, draw.random() * edges[-1], side="right"))
         at = 1.0 + length_m / 2 + float(draw.random()) * float(room[lane])
-        speed = _START * min(driver.fastest_mps, float(net.lanes["speed_mps"][lane]) * driver.factor)
-        if _stops(net, lane):
-            left_m = net.lanes["length_m"][lane] - at - length_m / 2
+        speed = _START * min(driver.fastest_mps, float(lanes["speed_mps"][lane]) * driver.factor)
+        after = _after(net, lane)
+        if (lanes["gate_to"][after] > lanes["gate_from"][after]).any():  # one may have to stop at the lane's end
+            left_m = lanes["length_m"][lane] - at - length_m / 2
             speed = min(speed, float(np.sqrt(2 * _LEAVING_MPS2 * left_m)))
-        gap = _FREE_M[driver.kind] + _FREE_S[driver.kind] * speed
         apart = [abs(at - other) - (length_m + long) / 2 for other, long in taken.get(lane, [])]
-        if min(apart, default=np.inf) >= gap and not _in_gate(net, lane, at, length_m):
+        gates = net.gates[lanes["gate_from"][lane] : lanes["gate_to"][lane]]
+        in_gate = (gates["from_m"] < at + length_m / 2 + 2.0) & (gates["to_m"] > at - length_m / 2 - 2.0)
+        if min(apart, default=np.inf) >= free_m + free_s * speed and not in_gate.any():
             return Place(lane, at, speed)
     return None
-
-
-def _usable(net: Network, length_m: float, driver: Driver) -> Array:
-    fits = (net.lanes["kind"] == driver.kind) & (net.lanes["longest_m"] >= length_m)
-    if driver.keeps_right:
-        fits &= net.lanes["right"] < 0
-    return np.asarray(fits)
-
-
-def _stops(net: Network, lane: int) -> bool:
-    """Whether one may have to stop at the end of a lane: a gate follows."""
-    after = _after(net, lane)
-    return bool((net.lanes["gate_to"][after] > net.lanes["gate_from"][after]).any())
-
-
-def _in_gate(net: Network, lane: int, at: float, length_m: float) -> bool:
-    gates = net.gates[net.lanes["gate_from"][lane] : net.lanes["gate_to"][lane]]
-    near = (gates["from_m"] < at + length_m / 2 + 2.0) & (gates["to_m"] > at - length_m / 2 - 2.0)
-    return bool(near.any())
 
 
 def _after(net: Network, lane: int) -> Array:
@@ -182,13 +158,7 @@ def _state(net: Network, bodies: list[Body], drivers: list[Driver], places: list
     movers["right_to_m"] = movers["base_m"] + movers["at_m"] + movers["length_m"] / 2
     movers["side_from_m"], movers["side_for_m"] = -1e9, 1.0
     choices = np.array([draw.random(NUM_CHOICES) for draw in draws]).reshape(len(bodies), NUM_CHOICES)
-    state = State(movers, _ways(net, places), choices, np.zeros(2, np.int64))
-    extend(net.lanes, net.nexts, movers, state.way, choices)
-    return state
-
-
-def _ways(net: Network, places: list[Place]) -> Array:
-    """Lanes behind each mover, the first that lead there, -1 where none does; those ahead are -1."""
+    # Lanes behind each mover are the first that lead there, -1 where none does.
     before = np.full(len(net.lanes), -1)
     for lane in range(len(before) - 1, -1, -1):
         before[_after(net, lane)] = lane
@@ -197,14 +167,13 @@ def _ways(net: Network, places: list[Place]) -> Array:
         ways[i, HERE] = place.lane
         for k in range(HERE, 0, -1):
             ways[i, k - 1] = before[ways[i, k]] if ways[i, k] >= 0 else -1
-    return ways
+    extend(net.lanes, net.nexts, movers, ways, choices)
+    return State(movers, ways, choices, np.zeros(2, np.int64))
 
 
-URBAN_MIX: Mapping[str, float] = MappingProxyType(
-    {"car": 0.78, "van": 0.1, "truck": 0.04, "bus": 0.04, "motorcycle": 0.04}
-)
-HIGHWAY_MIX: Mapping[str, float] = MappingProxyType(
-    {"car": 0.72, "van": 0.09, "truck": 0.14, "bus": 0.02, "motorcycle": 0.03}
+URBAN_MIX, HIGHWAY_MIX = (
+    MappingProxyType(dict(zip(("car", "van", "truck", "bus", "motorcycle"), shares, strict=True)))
+    for shares in ((0.78, 0.1, 0.04, 0.04, 0.04), (0.72, 0.09, 0.14, 0.02, 0.03))
 )
 """Shares of moving vehicles: passenger cars dominate, on motorways one vehicle in seven is a truck."""
 
