@@ -19,13 +19,11 @@ from fbench.replay.data.messages import Image
 from fbench.replay.geometry.kernels import kernel
 
 NOTHING = np.zeros((0, 4), np.float32)  # What dry ground mirrors
-_RANGE_M = 200.0
-_SLOPE = 0.035  # By how much the slope of the film of water differs from place to place, chosen by eye
-_PLACES_PER_M = 60.0
-_BRIGHTEST = 4.0
+_RANGE_M, _BRIGHTEST, _LEAST = 200.0, 4.0, 1e-3
+_SLOPE, _PLACES_PER_M = 0.035, 60.0
+"""By how much the slope of the film of water differs from place to place, chosen by eye."""
 _ASIDE_PX, _UPRIGHT_PX = 1, 5
 """How far mirrored light is spread twice, in pixels of half resolution: rough ground draws mirror images out."""
-_LEAST = 1e-3
 
 
 def mirrored_samples(
@@ -144,13 +142,6 @@ _SAME_WAY, _APART_M, _APART = 0.93, 0.05, 0.003
 """Cosine between normals of one surface; how far, and how far a meter of range, hits lie off its plane."""
 
 
-def edge_pixels(samples: Samples, linear: Float32, width: int) -> Int64:
-    """Indices of pixels that don't show the same surface, in the same light, as a neighbor below, above or beside, and
-    differ from it in their light (N, 3) so that one can see it.
-    """
-    return np.flatnonzero(_edges(samples.arrays, linear, width))
-
-
 def jitter(uv: Float32, pixels: Int64, width: int) -> Float32:
     """Places (2 E, 2) of the further rays: those of the first pixel, of the second ...; on one diagonal or, in every
     other pixel, the other, so that no direction of edges is worse than others.
@@ -163,6 +154,9 @@ def jitter(uv: Float32, pixels: Int64, width: int) -> Float32:
 
 @kernel
 def _edges(hits: HitArrays, linear: Float32, width: int) -> Bool:
+    """Tell which pixels (N,) don't show the same surface, in the same light, as a neighbor below, above or beside, and
+    differ from it in their light (N, 3) so that one can see it.
+    """
     body, triangle, material, lit = hits.body, hits.triangle, hits.material, hits.lit
     range_m, normal, direction = hits.range_m, hits.normal, hits.direction
     edges = np.zeros(len(body), np.bool_)
@@ -225,7 +219,7 @@ def picture(now: Instant, spec: CameraSpec) -> Picture:
     if light.wet > 0 and (reflected := mirrored_samples(caster, states, samples, width)) is not None:
         mirror = spread_mirrored(radiances(reflected[0], scene, NOTHING), reflected[1], spec.size_wh)
     linear = radiances(samples, scene, mirror)
-    pixels = edge_pixels(samples, linear, width)
+    pixels = np.flatnonzero(_edges(samples.arrays, linear, width))
     if len(pixels):
         more = more_samples(caster, states, eye, jitter(uv, pixels, width), light, samples, pixels)
         there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror

@@ -13,9 +13,10 @@ from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.geometry.kernels import kernel
 
-_RANGE_M = 250.0
+RANGE_M, _SUN_RANGE_M = 1_500.0, 250.0
 _WEAK = 0.02  # Sunlight as a share of the sky's that nobody sees
-_MOST_SAME = 2  # So many neighbors on the same triangle decide for a pixel
+_MOST_SAME = 2  # So many neighbors on the same triangle decide for a pixel, and one for a further ray
+_NONE = np.zeros(0, np.int64)
 
 
 def sunlit_pixels(caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int) -> Bool:
@@ -29,7 +30,8 @@ def sunlit_pixels(caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hi
         return lit
     facing = _facing(hits.body, hits.normal, np.array(light.sun))
     _ask(caster, states, rays, hits, light, _white(facing, width), lit)
-    _ask(caster, states, rays, hits, light, _unsure(facing, hits.body, hits.triangle, lit, width), lit)
+    unsure = _unsure(facing, hits.body, hits.triangle, lit, hits.body, hits.triangle, lit, _NONE, width)
+    _ask(caster, states, rays, hits, light, unsure, lit)
     return lit
 
 
@@ -45,9 +47,7 @@ def sunlit_between(
     if light.direct[1] < _WEAK * light.ambient[1]:
         return lit
     facing = _facing(hits.body, hits.normal, np.array(light.sun))
-    unsure = _unsure_between(
-        facing, hits.body, hits.triangle, lit, first.body, first.triangle, first_lit, pixels, width
-    )
+    unsure = _unsure(facing, hits.body, hits.triangle, lit, first.body, first.triangle, first_lit, pixels, width)
     _ask(caster, states, rays, hits, light, unsure, lit)
     return lit
 
@@ -59,7 +59,7 @@ def _ask(
     if len(index):
         start = _just_above(rays.origin_m[0], rays.direction, hits.range_m, hits.normal, index)
         toward = np.repeat(np.array([light.sun], np.float32), len(index), axis=0)
-        lit[index] = ~caster.is_blocked(Rays(start, toward, _RANGE_M), states)
+        lit[index] = ~caster.is_blocked(Rays(start, toward, _SUN_RANGE_M), states)
 
 
 @kernel
@@ -83,42 +83,26 @@ def _white(facing: Bool, width: int) -> Int64:
 
 
 @kernel
-def _unsure(facing: Bool, body: Array, triangle: Array, lit: Bool, width: int) -> Int64:
-    """Write what the neighbors of black fields agree on; returns those where they don't."""
-    index, num = np.empty(len(facing), np.int64), 0
-    for i in range(len(facing)):
-        if not facing[i] or (i // width + i % width) % 2 == 0:
-            continue
-        same, bright = 0, 0
-        for j in (i - width, i - 1, i + 1, i + width):
-            if _is_there(i, j, len(body), width) and body[j] == body[i] and triangle[j] == triangle[i]:
-                same += 1
-                bright += lit[j]
-        if same >= _MOST_SAME and (bright == 0 or bright == same):
-            lit[i] = bright > 0
-        else:
-            index[num] = i
-            num += 1
-    return index[:num]
-
-
-@kernel
-def _unsure_between(
+def _unsure(
     facing: Bool, body: Array, triangle: Array, lit: Bool, first_body: Array, first_triangle: Array, first_lit: Bool,
     pixels: Int64, width: int,
 ) -> Int64:  # fmt: skip
-    """The same for further rays, with all pixels around."""
+    """Write what those around agree on; returns those where they don't: of the image, where there are no `pixels`, the
+    black fields with their white neighbors; of further rays, all with the pixel that they are of and those around it.
+    """
     index, num, each = np.empty(len(facing), np.int64), 0, len(facing) // max(1, len(pixels))
+    of_image = len(pixels) == 0
     for k in range(len(facing)):
-        if not facing[k]:
+        i = k if of_image else pixels[k // each]
+        if not facing[k] or (of_image and (i // width + i % width) % 2 == 0):
             continue
-        same, bright, i = 0, 0, pixels[k // each]
+        same, bright = 0, 0
         for j in (i - width, i - 1, i, i + 1, i + width):
-            there = _is_there(i, j, len(first_body), width)
+            there = _is_there(i, j, len(first_body), width) and not (of_image and j == i)
             if there and first_body[j] == body[k] and first_triangle[j] == triangle[k]:
                 same += 1
                 bright += first_lit[j]
-        if same > 0 and (bright == 0 or bright == same):
+        if same >= (_MOST_SAME if of_image else 1) and (bright == 0 or bright == same):
             lit[k] = bright > 0
         else:
             index[num] = k
@@ -142,9 +126,6 @@ def _just_above(origin: Float64, direction: Float32, range_m: Float32, normal: F
         for axis in range(3):
             start[n, axis] = origin[axis] + direction[i, axis] * np.float64(range_m[i]) + lift * normal[i, axis]
     return start
-
-
-RANGE_M = 1_500.0
 
 
 @dataclass(frozen=True, eq=False)

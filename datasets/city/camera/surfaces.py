@@ -18,8 +18,7 @@ from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.geometry.kernels import kernel
 
-_CELL_M = 4.0
-_CELLS = 80  # Along each side: 320 m
+_CELL_M, _CELLS = 4.0, 80  # Along each side: 320 m
 
 
 class Grid(NamedTuple):
@@ -36,9 +35,7 @@ def grid_around(x_m: float, y_m: float, center_m: Float64, radius_m: Float64) ->
     corner = (x_m - _CELLS * _CELL_M / 2, y_m - _CELLS * _CELL_M / 2)
     low = np.floor((center_m - corner - radius_m[:, None]) / _CELL_M).astype(np.int64)
     high = np.floor((center_m - corner + radius_m[:, None]) / _CELL_M).astype(np.int64)
-    low, high = np.clip(low, 0, _CELLS), np.clip(high, -1, _CELLS - 1)
-    start, items = _fill(low, high)
-    return Grid(corner[0], corner[1], start, items)
+    return Grid(*corner, *_fill(np.clip(low, 0, _CELLS), np.clip(high, -1, _CELLS - 1)))
 
 
 @kernel
@@ -65,15 +62,12 @@ def _fill(low: Array, high: Array) -> tuple[Array, Array]:
     return start, items
 
 
-GLOSS = np.array([material.gloss for material in MATERIALS])
-EMITS = np.array([material.emits for material in MATERIALS])
-RETRO = np.array([material.retro for material in MATERIALS])
+GLOSS, EMITS, RETRO = (np.array([getattr(m, name) for m in MATERIALS]) for name in ("gloss", "emits", "retro"))
 _SOAKS = ("asphalt", "marking", "sidewalk", "concrete", "soil", "grass")
 WETTABLE = np.array([1.0 if material.name in _SOAKS else 0.0 for material in MATERIALS])
 """(M,) of every material: share mirrored, luminance where it shines, what it returns to its source, whether rain makes
 it dark and shiny."""
-_BY_NIGHT = (INDEX["street_lamp"], INDEX["lit_window"])
-_LAMP_OFF = 0.35
+_BY_NIGHT, _LAMP_OFF = (INDEX["street_lamp"], INDEX["lit_window"]), 0.35
 _SHADOW_M = 1.2  # How far from a body the ground is a little darker
 
 
@@ -204,11 +198,8 @@ def patterns(hits: HitArrays, origin: Array, place: Array, size_px: float, table
             nx, ny = nx * place[b, 3] + ny * place[b, 4], ny * place[b, 3] - nx * place[b, 4]
             salt += 7919 * (b + 1)
         across = math.sqrt(nx * nx + ny * ny)
-        if across < 0.7:  # seen from above, else along a wall
-            result[i] = pattern(table, material[i], x, y, r * size_px, r * size_px / facing, salt)
-        else:
-            u = (nx * y - ny * x) / across
-            result[i] = pattern(table, material[i], u, z, r * size_px, r * size_px / facing, salt)
+        u, v = (x, y) if across < 0.7 else ((nx * y - ny * x) / across, z)  # seen from above, else along a wall
+        result[i] = pattern(table, material[i], u, v, r * size_px, r * size_px / facing, salt)
     return result
 
 
