@@ -48,14 +48,11 @@ def count_hits(body: Array, num_actors: int) -> Int64:
 
 
 def seen_bodies(body: Array, alone: tuple[tuple[int, Int64], ...]) -> Seen2D:
-    """Outline bodies in an image.
-
-    Args:
-        body: (H, W) what each pixel shows: an actor's index, negative for anything else.
-        alone: Of every actor the ascending indices of pixels, row by row, that would show it if it were alone.
+    """Outline bodies in an image, of which `body` (H, W) says what each pixel shows: an actor's index, negative for
+    anything else; `alone` are of every actor the ascending indices of pixels, row by row, that would show it if it were
+    alone.
     """
-    width = body.shape[1]
-    flat = body.ravel()
+    flat, width = body.ravel(), body.shape[1]
     full = [_rectangle(pixels, width) for _, pixels in alone]
     shown = [pixels[flat[pixels] == i] for i, pixels in alone]
     visible = [_rectangle(px, width) if len(px) else box for px, box in zip(shown, full, strict=True)]

@@ -89,11 +89,10 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Join meshes into one, in their order."""
     every = [_NONE, *meshes]
     starts = np.cumsum([0, *(len(m.vertices_m) for m in every[:-1])])
-    return Mesh(
-        np.concatenate([m.vertices_m for m in every]),
-        np.concatenate([m.triangles + np.int32(start) for m, start in zip(every, starts, strict=True)]),
-        *(np.concatenate([getattr(m, name) for m in every]) for name in ("material", "color", "lamp")),
-    )
+    triangles = np.concatenate([m.triangles + np.int32(start) for m, start in zip(every, starts, strict=True)])
+    names = ("vertices_m", "material", "color", "lamp")
+    vertices, *looks = (np.concatenate([getattr(m, name) for m in every]) for name in names)
+    return Mesh(vertices, triangles, *looks)
 
 
 def move_mesh(mesh: Mesh, dst_T_src: Float64) -> Mesh:
@@ -117,14 +116,10 @@ class Skin:
 
 def mesh(vertices_m: Array, triangles: Array, skin: Skin) -> Mesh:
     """Return a mesh of one skin from vertices (V, 3) and triangles (T, 3), counter-clockwise from outside."""
-    num = len(triangles)
-    return Mesh(
-        np.asarray(vertices_m, np.float32),
-        np.asarray(triangles, np.int32),
-        np.full(num, INDEX[skin.material], np.uint8),
-        np.tile(np.asarray(skin.color, np.float32), (num, 1)),
-        np.full(num, skin.lamp, np.int32),
-    )
+    num, color = len(triangles), np.asarray(skin.color, np.float32)
+    material, lamp = np.full(num, INDEX[skin.material], np.uint8), np.full(num, skin.lamp, np.int32)
+    vertices, corners = np.asarray(vertices_m, np.float32), np.asarray(triangles, np.int32)
+    return Mesh(vertices, corners, material, np.tile(color, (num, 1)), lamp)
 
 
 def quad(corners_m: Array, skin: Skin) -> Mesh:

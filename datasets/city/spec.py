@@ -59,12 +59,8 @@ def condition(text: str) -> Condition:
     parts = [CONDITIONS[name] for name in names]
     weathers = [part.weather for part in parts]
     lowest = min(weathers, key=lambda weather: weather.sun_elevation_deg)
-    weather = replace(
-        lowest,
-        visibility_m=min(weather.visibility_m for weather in weathers),
-        rain_mm_h=max(weather.rain_mm_h for weather in weathers),
-        lux=min(weather.lux for weather in weathers),
-    )
+    visibility_m, rain_mm_h = min(w.visibility_m for w in weathers), max(w.rain_mm_h for w in weathers)
+    weather = replace(lowest, visibility_m=visibility_m, rain_mm_h=rain_mm_h, lux=min(w.lux for w in weathers))
     return Condition("+".join(names), weather, any(part.is_dense for part in parts))
 
 

@@ -115,14 +115,10 @@ def _tank(rear: float, front: float, height: float) -> list[Mesh]:
     ends = [(rear + 0.1, 0.7), (rear + 0.25, 0.96), (rear + 0.5, 1.0), (front - 0.45, 1.0), (front - 0.2, 0.96),
             (front - 0.05, 0.7)]  # fmt: skip
     rings = [_oval(x, 1.22 * share, middle, tall * share) for x, share in ends]
-    bands = [
-        shell(
-            np.stack([_oval(x + dx, 1.24, middle, tall + 0.02) for dx in (-0.04, 0.04)]),
-            np.zeros((1, 16), int),
-            [STEEL],
-        )
-        for x in np.linspace(rear + 0.8, front - 0.8, 4)
-    ]
+    bands = []
+    for x in np.linspace(rear + 0.8, front - 0.8, 4):
+        band = np.stack([_oval(x + dx, 1.24, middle, tall + 0.02) for dx in (-0.04, 0.04)])
+        bands.append(shell(band, np.zeros((1, 16), int), [STEEL]))
     hatches = [cylinder((x, 0, height - 0.05), (x, 0, height + 0.08), 0.25, 8, STEEL)
                for x in np.linspace(rear + 1.2, front - 1.2, 3)]  # fmt: skip
     skirt = box(((rear + front) / 2, 0.0, _FLOOR_M + 0.05), (front - rear - 0.4, 2.2, 0.14), BLACK)

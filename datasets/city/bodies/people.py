@@ -258,10 +258,8 @@ def _draw_extras(draw: np.random.Generator, child: bool, looks: Appearance) -> E
 def _extras(at: Pose, looks: Appearance, extras: Extras) -> list[Mesh]:
     parts, h = [], at.height_m
     if extras.hat is not None:
-        angle, half = (
-            np.arange(8) * (np.pi / 4) + np.pi / 8,
-            ((0.07, 0.024), (0.052, 0.03), (0.047, 0.062), (0.03, 0.076)),
-        )
+        angle = np.arange(8) * (np.pi / 4) + np.pi / 8
+        half = ((0.07, 0.024), (0.052, 0.03), (0.047, 0.062), (0.03, 0.076))
         rows = [np.column_stack([1.15 * r * np.cos(angle) + 0.004, r * np.sin(angle), np.full(8, z)]) for r, z in half]
         parts.append(shell(at.head + h * looks.head * np.stack(rows), np.zeros((3, 8), int), [extras.hat]))
     if extras.coat is not None:  # from waist or chest down over both thighs, as wide as the step

@@ -98,7 +98,8 @@ def _unsure(
             continue
         same, bright = 0, 0
         for j in (i - width, i - 1, i, i + 1, i + width):
-            there = _is_there(i, j, len(first_body), width) and not (of_image and j == i)
+            other_row = (j == i - 1 and i % width == 0) or (j == i + 1 and j % width == 0)
+            there = 0 <= j < len(first_body) and not other_row and not (of_image and j == i)
             if there and first_body[j] == body[k] and first_triangle[j] == triangle[k]:
                 same += 1
                 bright += first_lit[j]
@@ -108,12 +109,6 @@ def _unsure(
             index[num] = k
             num += 1
     return index[:num]
-
-
-@kernel
-def _is_there(i: int, j: int, num: int, width: int) -> bool:
-    """Tell whether the pixel `j` after, before, above or below `i` is in the image, not at the other end of a row."""
-    return 0 <= j < num and not (j == i - 1 and i % width == 0) and not (j == i + 1 and j % width == 0)
 
 
 @kernel

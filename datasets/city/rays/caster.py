@@ -56,32 +56,21 @@ def cones_of_blocks(starts: Int64, origin_m: Float64, direction: Float32, offset
         if len(origin_m) == 1:
             block[0:3] = origin_m[0]
         else:
-            for axis in range(3):
-                block[axis] = _between(origin_m, axis, first, end)
-            block[3] = _farthest(origin_m, block, first, end)
+            for axis in range(3):  # the middle between the least and the most
+                least = most = origin_m[first, axis]
+                for k in range(first + 1, end):
+                    least, most = min(least, origin_m[k, axis]), max(most, origin_m[k, axis])
+                block[axis] = 0.5 * (least + most)
+            worst = 0.0
+            for k in range(first, end):
+                x, y, z = origin_m[k, 0] - block[0], origin_m[k, 1] - block[1], origin_m[k, 2] - block[2]
+                worst = max(worst, x * x + y * y + z * z)
+            block[3] = math.sqrt(worst)
         angle = _cone(direction, block, first, end)
         block[7], block[8] = math.cos(angle), math.sin(angle)
         for k in range(first, end if len(offset_s) else first):
             block[9] = max(block[9], abs(offset_s[k]))
     return blocks
-
-
-@kernel
-def _between(origin_m: Float64, axis: int, first: int, end: int) -> float:
-    """Return the middle between the least and the most."""
-    least = most = origin_m[first, axis]
-    for k in range(first + 1, end):
-        least, most = min(least, origin_m[k, axis]), max(most, origin_m[k, axis])
-    return float(0.5 * (least + most))
-
-
-@kernel
-def _farthest(origin_m: Float64, block: Float64, first: int, end: int) -> float:
-    worst = 0.0
-    for k in range(first, end):
-        x, y, z = origin_m[k, 0] - block[0], origin_m[k, 1] - block[1], origin_m[k, 2] - block[2]
-        worst = max(worst, x * x + y * y + z * z)
-    return math.sqrt(worst)
 
 
 @kernel

@@ -1,7 +1,7 @@
 """Quadrilaterals on walls: u to the right of who looks at the wall, v up, d out of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -81,11 +81,9 @@ def blocks(
 
 def join_quads(parts: Sequence[Quads]) -> Quads:
     """Join quadrilaterals, in their order."""
-    return Quads(
-        np.concatenate([np.zeros((0, 4, 3)), *(p.corners_m for p in parts)]),
-        np.concatenate([np.zeros(0, np.uint8), *(p.material for p in parts)]),
-        np.concatenate([np.zeros((0, 3), np.float32), *(p.color for p in parts)]),
-    )
+    none = Quads(np.zeros((0, 4, 3)), np.zeros(0, np.uint8), np.zeros((0, 3), np.float32))
+    names = (field.name for field in fields(Quads))
+    return Quads(*(np.concatenate([getattr(p, name) for p in (none, *parts)]) for name in names))
 
 
 def _quads(corners: Sequence[tuple[Number, Number, Number]], skin: Skin) -> Quads:

@@ -24,10 +24,7 @@ _BARK: Rgb = (0.11, 0.085, 0.06)
 def tree(species: int, num_leaves: int, rng: np.random.Generator) -> Mesh:
     """Return a tree in a box of 1 x 1 x 1: round, tall, a conifer, or spreading.
 
-    Args:
-        species: 0 to 3.
-        num_leaves: about how many clusters of leaves it has.
-        rng: where its looks come from.
+    `species` is 0 to 3, `num_leaves` about how many clusters of leaves it has.
     """
     blobs, foot = _crown_blobs(species, rng)
     leaves = _within(_foliage(blobs, num_leaves, 3.4 / np.sqrt(num_leaves), _LEAVES[species], 0.5, rng), foot)

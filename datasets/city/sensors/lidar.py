@@ -112,12 +112,8 @@ def reflectivity(hits: Hits, material: Array, direction: Float32) -> Float64:
     """Return the reflectivity (N,) in which beams of `direction` (N, 3) see what they hit; 0 where that is nothing.
 
     Lambert's diffuse part times the cosine of incidence, and what retroreflectors add at any angle. A white diffuse
-    surface at normal incidence has 1; a sign has more, and saturates the sensor.
-
-    Args:
-        hits: of the beams.
-        material: (N,) of what was hit, see `EmbreeCaster.material`.
-        direction: (N, 3) unit vectors in the world.
+    surface at normal incidence has 1; a sign has more, and saturates the sensor. `material` (N,) is of what was hit, as
+    `EmbreeCaster.material` gives it; directions are unit vectors in the world.
     """
     n, d = hits.normal, direction
     cosine = np.abs(n[:, 0] * d[:, 0] + n[:, 1] * d[:, 1] + n[:, 2] * d[:, 2]).astype(np.float64)

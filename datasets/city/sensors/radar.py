@@ -64,12 +64,8 @@ def sigma0_db(material: Array, body: Array, cos_incidence: Float64) -> Float64:
     """Return the cross-section per area of surface (N,) [dB m2/m2].
 
     Both the lobe of smooth surfaces, a Gaussian whose half width the material says, and the even share follow the
-    cosine of incidence, since the wave sees only the projected surface.
-
-    Args:
-        material: (N,) indices into `MATERIALS`.
-        body: (N,) index of the actor, below 0 for what stands.
-        cos_incidence: (N,) cosine of the angle between ray and normal, above 0.
+    cosine of incidence, since the wave sees only the projected surface. `material` (N,) are indices into `MATERIALS`,
+    `body` (N,) those of actors, below 0 for what stands; cosines (N,) are those between ray and normal, above 0.
     """
     angle = np.arccos(np.minimum(cos_incidence, 1)) / _LOBE_RAD[material]
     lobe = (1 - ROUGH) * np.exp(-np.log(2) * angle * angle) + ROUGH

@@ -171,10 +171,9 @@ def _state(net: Network, bodies: list[Body], drivers: list[Driver], places: list
     return State(movers, ways, choices, np.zeros(2, np.int64))
 
 
-URBAN_MIX, HIGHWAY_MIX = (
-    MappingProxyType(dict(zip(("car", "van", "truck", "bus", "motorcycle"), shares, strict=True)))
-    for shares in ((0.78, 0.1, 0.04, 0.04, 0.04), (0.72, 0.09, 0.14, 0.02, 0.03))
-)
+_MOTOR = ("car", "van", "truck", "bus", "motorcycle")
+URBAN_MIX = MappingProxyType(dict(zip(_MOTOR, (0.78, 0.1, 0.04, 0.04, 0.04), strict=True)))
+HIGHWAY_MIX = MappingProxyType(dict(zip(_MOTOR, (0.72, 0.09, 0.14, 0.02, 0.03), strict=True)))
 """Shares of moving vehicles: passenger cars dominate, on motorways one vehicle in seven is a truck."""
 
 

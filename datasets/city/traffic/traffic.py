@@ -260,11 +260,10 @@ def _bodies(net: Network, params: TrafficParams, seed: int) -> list[Body]:
     kinds = ["car", *(names[k] for k in draw.choice(len(names), num - 1, p=shares / shares.sum()))]
     kinds += ["bicycle"] * round(params.bicycles_per_km * km["bike"])
     kinds += ["pedestrian"] * round(params.pedestrians_per_km * km["walk"])
-    walkers = [_body("pedestrian", params.longest_m, seed, i) for i in range(min(_WALKERS, kinds.count("pedestrian")))]
-    return [
-        walkers[i % _WALKERS] if kind == "pedestrian" else _body(kind, params.longest_m, seed, i)
-        for i, kind in enumerate(kinds)
-    ]
+    num_walkers = min(_WALKERS, kinds.count("pedestrian"))
+    walkers = [_body("pedestrian", params.longest_m, seed, i) for i in range(num_walkers)]
+    return [walkers[i % _WALKERS] if kind == "pedestrian" else _body(kind, params.longest_m, seed, i)
+            for i, kind in enumerate(kinds)]  # fmt: skip
 
 
 def _body(kind: str, longest_m: float, seed: int, i: int) -> Body:

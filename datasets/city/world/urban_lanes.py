@@ -151,17 +151,14 @@ def _side(grid: Grid, ring: list[Arm], k: int) -> list[Draft]:
     )
     # From beyond the far junction back along the arm to beyond its own.
     house, own = (one.at(CROSSING_M[1], one.left_kerb_m + HOUSE_LANE_M) for one in (after, arm))
+    aside = follow_kerb(arm, after, HOUSE_LANE_M, house, own)
     on_there, on_back = ("on", after.node, after.way, "there"), ("on", far.node, far.way, "back")
     return [
         _walk(("near", *key), near, (("mid", *key),)),
         _walk(("mid", *key), mid, (("end", *key), on_back)),
         _walk(("end", *key), end, (("corner", *key),)),
         _walk(("corner", *key), corner, (("near", after.node, after.way), on_there)),
-        _walk(
-            ("house", *key),
-            follow_kerb(arm, after, HOUSE_LANE_M, house, own),
-            (("house", ring[k - 1].node, ring[k - 1].way),),
-        ),
+        _walk(("house", *key), aside, (("house", ring[k - 1].node, ring[k - 1].way),)),
     ]
 
 
