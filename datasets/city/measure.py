@@ -47,7 +47,7 @@ def count_hits(body: Array, num_actors: int) -> Int64:
     return np.bincount(body[body >= 0], minlength=num_actors).astype(np.int64)
 
 
-def seen_bodies(body: Array, alone: tuple[tuple[int, Int64], ...]) -> Seen2D:
+def outline_bodies(body: Array, alone: tuple[tuple[int, Int64], ...]) -> Seen2D:
     """Outline bodies in an image, of which `body` (H, W) says what each pixel shows: an actor's index, negative for
     anything else; `alone` are of every actor the ascending indices of pixels, row by row, that would show it if it were
     alone.
@@ -152,7 +152,7 @@ def measure(around: Surroundings, states: BodyStates, spec: CameraSpec | LidarSp
     match spec:
         case CameraSpec():
             shot = picture(now, spec)
-            return Measured(shot.image, np.zeros(num, np.int64), seen_bodies(shot.body, shot.alone))
+            return Measured(shot.image, np.zeros(num, np.int64), outline_bodies(shot.body, shot.alone))
         case LidarSpec():
             turn = sweep(now, spec)
             return Measured(turn.cloud, count_hits(turn.body, num))

@@ -220,7 +220,17 @@ def make_pedestrian(draw: np.random.Generator) -> Body:
     child = draw.random() < _CHILDREN
     height = float(draw.uniform(1.12, 1.42) if child else np.clip(draw.normal(1.70, 0.085), 1.5, 1.92))
     looks = draw_appearance(draw, 1.2 if child else 1.0)
-    extras = _draw_extras(draw, child, looks)
+    hat, coat, long, pack, bag = (float(draw.random()) for _ in range(5))
+    cloth = Skin("cloth", pick(draw, TOPS))
+    is_coat, has_pack = coat < 0.18, pack < (0.45 if child else 0.22)
+    extras = Extras(
+        hat=cloth if hat < 0.18 and not has_pack else None,
+        coat=looks.top if is_coat else cloth if coat < 0.32 else None,
+        hem=(0.35 if is_coat else 0.7) + 0.35 * long,
+        from_chest=is_coat,
+        backpack=Skin("cloth", pick(draw, TOPS)) if has_pack else None,
+        bag=Skin("cloth", pick(draw, TROUSERS)) if bag < 0.25 and not child and not has_pack else None,
+    )
     walk = Walk(height, stride_rad=float(draw.uniform(0.29, 0.36)), arm_rad=float(draw.uniform(0.15, 0.32)),
                 lean_rad=float(draw.uniform(0.0, 0.06)), breadth=float(draw.uniform(0.95, 1.12)))  # fmt: skip
     poses = [walk_pose(walk, i / NUM_PHASES) for i in range(NUM_PHASES)]
@@ -239,20 +249,6 @@ def draw_appearance(draw: np.random.Generator, head: float = 1.0) -> Appearance:
         skin if bare_legs else legs, shoes,
         girth=float(draw.uniform(0.95, 1.3)), head=head, long_hair=bool(draw.random() < 0.4),
     )  # fmt: skip
-
-
-def _draw_extras(draw: np.random.Generator, child: bool, looks: Appearance) -> Extras:
-    hat, coat, long, pack, bag = (float(draw.random()) for _ in range(5))
-    cloth = Skin("cloth", pick(draw, TOPS))
-    is_coat, has_pack = coat < 0.18, pack < (0.45 if child else 0.22)
-    return Extras(
-        hat=cloth if hat < 0.18 and not has_pack else None,
-        coat=looks.top if is_coat else cloth if coat < 0.32 else None,
-        hem=(0.35 if is_coat else 0.7) + 0.35 * long,
-        from_chest=is_coat,
-        backpack=Skin("cloth", pick(draw, TOPS)) if has_pack else None,
-        bag=Skin("cloth", pick(draw, TROUSERS)) if bag < 0.25 and not child and not has_pack else None,
-    )
 
 
 def _extras(at: Pose, looks: Appearance, extras: Extras) -> list[Mesh]:

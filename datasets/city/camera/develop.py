@@ -2,7 +2,6 @@
 
 import math
 
-import cv2
 import numpy as np
 
 from fbench.datasets.city.camera.sky import Light
@@ -96,15 +95,6 @@ def linear(toned: Array) -> Float64:
     return np.where(x < _KNEE, x, _KNEE - (1 - _KNEE) * np.log1p(-over))
 
 
-def average_samples(first: Float32, more: Float32, pixels: Array) -> None:
-    """Average further samples (n E, 3) of some pixels (E,) into the first ones, in place."""
-    each = more.reshape(len(pixels), -1, 3)
-    total = first[pixels]
-    for k in range(each.shape[1]):
-        total += each[:, k]
-    first[pixels] = total / np.float32(1 + each.shape[1])
-
-
 def develop(light_in: Float32, spec: CameraSpec, light: Light, rng: np.random.Generator) -> Array:
     """Return the image (H, W, 3) uint8 of linear light (H, W, 3)."""
     glare = glare_of(light_in, float(spec.model().K[0, 0]) / 60)
@@ -113,12 +103,6 @@ def develop(light_in: Float32, spec: CameraSpec, light: Light, rng: np.random.Ge
     sigma = spec.noise / slope * light.noise_gain**0.5
     curve = (255 * tone(np.arange(_STEPS + 2) * (_CURVE_END / _STEPS))).astype(np.float32)
     return _expose(light_in, glare, noise, curve, sigma, spec.vignetting)
-
-
-def jpeg(rgb: Array, quality: int) -> bytes:
-    """Encode an image (H, W, 3)."""
-    _, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return bytes(data.tobytes())
 
 
 @kernel

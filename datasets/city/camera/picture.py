@@ -3,9 +3,10 @@
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from fbench.datasets.city.camera.develop import add_streaks, average_samples, develop, jpeg, mean_across
+from fbench.datasets.city.camera.develop import add_streaks, develop, mean_across
 from fbench.datasets.city.camera.samples import Eye, HitArrays, Samples, first_samples, more_samples
 from fbench.datasets.city.camera.shade import Scene, lamps_of, radiances
 from fbench.datasets.city.camera.sky import hash_noise, light_of
@@ -26,7 +27,7 @@ _ASIDE_PX, _UPRIGHT_PX = 1, 5
 """How far mirrored light is spread twice, in pixels of half resolution: rough ground draws mirror images out."""
 
 
-def mirrored_samples(
+def mirror_samples(
     caster: EmbreeCaster, states: BodyStates, samples: Samples, width: int
 ) -> tuple[Samples, Int64] | None:
     """Return what every other wet pixel of every other row of an image mirrors, and which pixels (M,); or nothing.
@@ -216,18 +217,22 @@ def picture(now: Instant, spec: CameraSpec) -> Picture:
     samples = first_samples(caster, states, eye, uv, light)
     width, height = spec.size_wh
     mirror = NOTHING  # what wet ground mirrors
-    if light.wet > 0 and (reflected := mirrored_samples(caster, states, samples, width)) is not None:
+    if light.wet > 0 and (reflected := mirror_samples(caster, states, samples, width)) is not None:
         mirror = spread_mirrored(radiances(reflected[0], scene, NOTHING), reflected[1], spec.size_wh)
     linear = radiances(samples, scene, mirror)
     pixels = np.flatnonzero(_edges(samples.arrays, linear, width))
     if len(pixels):
         more = more_samples(caster, states, eye, jitter(uv, pixels, width), light, samples, pixels)
         there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror
-        average_samples(linear, radiances(more, scene, there), pixels)
+        others, total = radiances(more, scene, there).reshape(len(pixels), -1, 3), linear[pixels]
+        for k in range(others.shape[1]):
+            total += others[:, k]
+        linear[pixels] = total / np.float32(1 + others.shape[1])
     linear = linear.reshape(height, width, 3)
     add_streaks(linear, now, model, light)
     rgb = develop(linear, spec, light, now.generator("camera"))
-    image = Image(now.sensor, now.stamp_ns, now.log_ns, jpeg(rgb, spec.jpeg_quality), "jpeg", spec.size_wh)
+    _, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, spec.jpeg_quality])
+    image = Image(now.sensor, now.stamp_ns, now.log_ns, bytes(data.tobytes()), "jpeg", spec.size_wh)
     hits, depth_m = samples.hits, eye.depth_m(uv, samples.hits.range_m)
     return Picture(
         image, rgb, depth_m.reshape(height, width), hits.body.reshape(height, width),

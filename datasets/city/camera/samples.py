@@ -19,35 +19,27 @@ _MOST_SAME = 2  # So many neighbors on the same triangle decide for a pixel, and
 _NONE = np.zeros(0, np.int64)
 
 
-def sunlit_pixels(caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int) -> Bool:
-    """Tell on which of the pixels (N,) of a whole image, row by row, the sun shines.
-
-    Every other pixel is asked, like the white fields of a chessboard, and those between whose neighbors on the same
-    triangle don't agree: what is missed is smaller than a pixel.
-    """
-    lit = np.zeros(len(hits.body), bool)
-    if light.direct[1] < _WEAK * light.ambient[1]:
-        return lit
-    facing = _facing(hits.body, hits.normal, np.array(light.sun))
-    _ask(caster, states, rays, hits, light, _white(facing, width), lit)
-    unsure = _unsure(facing, hits.body, hits.triangle, lit, hits.body, hits.triangle, lit, _NONE, width)
-    _ask(caster, states, rays, hits, light, unsure, lit)
-    return lit
-
-
-def sunlit_between(
-    caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, first: Hits, first_lit: Bool,
-    pixels: Int64, width: int,
+def find_sunlit(
+    caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int,
+    first: tuple[Hits, Bool, Int64] | None = None,
 ) -> Bool:  # fmt: skip
-    """Tell where further rays, as many of each of `pixels` (E,), meet sunlight; `first` are the hits of the image.
+    """Tell on which of the pixels (N,) of a whole image, row by row, the sun shines. Every other pixel is asked, like
+    the white fields of a chessboard, and those between whose neighbors on the same triangle don't agree: what is missed
+    is smaller than a pixel.
 
-    What lies on the same triangle as pixels around, all in the same light, has it too.
+    With `first`, the hits of the image and where the sun shines on them, tell it of further rays, as many of each of
+    its pixels (E,): what lies on the same triangle as pixels around, all in the same light, has it too.
     """
     lit = np.zeros(len(hits.body), bool)
     if light.direct[1] < _WEAK * light.ambient[1]:
         return lit
     facing = _facing(hits.body, hits.normal, np.array(light.sun))
-    unsure = _unsure(facing, hits.body, hits.triangle, lit, first.body, first.triangle, first_lit, pixels, width)
+    if first is None:
+        white = np.add.outer(np.arange(len(lit) // width), np.arange(width)).ravel() % 2 == 0
+        _ask(caster, states, rays, hits, light, np.flatnonzero(facing & white), lit)
+        first = hits, lit, _NONE
+    image, image_lit, pixels = first
+    unsure = _unsure(facing, hits.body, hits.triangle, lit, image.body, image.triangle, image_lit, pixels, width)
     _ask(caster, states, rays, hits, light, unsure, lit)
     return lit
 
@@ -69,17 +61,6 @@ def _facing(body: Array, normal: Float32, sun: Float64) -> Bool:
         toward = normal[i, 0] * sun[0] + normal[i, 1] * sun[1] + normal[i, 2] * sun[2]
         facing[i] = body[i] != MISS and toward > 0
     return facing
-
-
-@kernel
-def _white(facing: Bool, width: int) -> Int64:
-    """Indices of the white fields that face the sun."""
-    index, num = np.empty(len(facing), np.int64), 0
-    for i in range(len(facing)):
-        if facing[i] and (i // width + i % width) % 2 == 0:
-            index[num] = i
-            num += 1
-    return index[:num]
 
 
 @kernel
@@ -182,7 +163,7 @@ def first_samples(caster: EmbreeCaster, states: BodyStates, eye: Eye, uv: Float3
     """Look through all pixels (N, 2), row by row."""
     rays = Rays(eye.world_T_camera[None, :3, 3], eye.directions(uv), RANGE_M)
     hits = caster.cast(rays, states)
-    lit = sunlit_pixels(caster, states, rays, hits, light, eye.model.size_wh[0])
+    lit = find_sunlit(caster, states, rays, hits, light, eye.model.size_wh[0])
     return Samples(rays, hits, caster.material(hits, states), caster.smooth_normals(rays, hits, states), lit)
 
 
@@ -192,8 +173,7 @@ def more_samples(
     """Look through further places (n E, 2), n in each of `pixels` (E,)."""
     rays = Rays(first.rays.origin_m, eye.directions(uv), RANGE_M)
     hits = caster.cast(rays, states)
-    width = eye.model.size_wh[0]
-    lit = sunlit_between(caster, states, rays, hits, light, first.hits, first.lit, pixels, width)
+    lit = find_sunlit(caster, states, rays, hits, light, eye.model.size_wh[0], (first.hits, first.lit, pixels))
     return Samples(rays, hits, caster.material(hits, states), caster.smooth_normals(rays, hits, states), lit)
 
 

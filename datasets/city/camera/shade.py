@@ -207,7 +207,7 @@ def _radiances(
             wet = light.wet * table[m, 2] * max(0.0, n[2])
             own = float(shine[i])
             if light.is_dark:
-                own += table[m, 1] * _returned(r * (x * ego[3] + y * ego[4]), r * (y * ego[3] - x * ego[4]))
+                own += table[m, 1] * _retroreflection(r * (x * ego[3] + y * ego[4]), r * (y * ego[3] - x * ego[4]))
             level = factor[i] * (1 - _WET_DARKER * wet)
             color = (albedo[i, 0] * (light_on[i, 0] * level + own), albedo[i, 1] * (light_on[i, 1] * level + own),
                      albedo[i, 2] * (light_on[i, 2] * level + own))  # fmt: skip
@@ -250,7 +250,7 @@ def _gloss(light: Light, gloss: float, wet: float, ray: Rgb, n: Rgb, lit: bool) 
 
 
 @kernel
-def _returned(ahead_m: float, aside_m: float) -> float:
+def _retroreflection(ahead_m: float, aside_m: float) -> float:
     """Luminance with which reflectors send back the own headlights."""
     if ahead_m < 1 or abs(aside_m) > ahead_m:
         return 0.0

@@ -140,9 +140,8 @@ def rays_at_body(
             u = cos * direction[k, 0] + sin * direction[k, 1]
             v = cos * direction[k, 1] - sin * direction[k, 0]
             w = np.float64(direction[k, 2])
-            if _meets_sphere(x - box[0], y - box[1], z - box[2], u, v, w, box) and _meets_box(
-                x - box[0], y - box[1], z - box[2], u, v, w, box, range_m
-            ):
+            dx, dy, dz = x - box[0], y - box[1], z - box[2]
+            if _meets_sphere(dx, dy, dz, u, v, w, box) and _meets_box(dx, dy, dz, u, v, w, box, range_m):
                 rays[found] = k
                 ray[found, 0], ray[found, 1], ray[found, 2] = x, y, z
                 ray[found, 3], ray[found, 4], ray[found, 5] = u, v, w

@@ -18,31 +18,20 @@ JUST_SEEN = 0.1  # Reflectivity of the target that is just seen at the sensor's 
 FAINTEST = 1 / 255  # Intensity below which the fog's echo goes unnoticed (Hahner et al. 2021: one step of 8 bits).
 
 
-@dataclass(frozen=True, eq=False)
-class Echoes:
-    """The strongest echo of each of N beams."""
-
-    range_m: Float64  # (N,) infinite where nothing comes back
-    intensity: Float64
-    """(N,) received power, corrected for range: reflectivity times exp(-2 extinction range); not clipped."""
-    is_scattered: Bool  # (N,) whether it is that of fog or of a drop before the target
-
-    def __post_init__(self) -> None:
-        one = ("f8", ("N",))
-        freeze_fields(self, range_m=one, intensity=one, is_scattered=("?", ("N",)))
-
-
 def power_floor(range_m: float) -> float:
     """Return the weakest power that is received, in units of reflectivity / m^2."""
     clear = fog_extinction_per_m(Weather(visibility_m=CLEAR_MOR_M))
     return float(JUST_SEEN * np.exp(-2 * clear * range_m) / range_m**2)
 
 
-def echoes(
+def receive(
     range_m: Float64, reflectivity: Float64, weather: Weather, sensor_range_m: float, rng: np.random.Generator
-) -> Echoes:
-    """Return what beams to targets at `range_m` (N,) of `reflectivity` (N,) receive; both as for those without target:
-    infinite and 0.
+) -> tuple[Float64, Float64, Bool]:
+    """Return the strongest echoes (N,) of beams to targets at `range_m` (N,) of `reflectivity` (N,); both as for those
+    without target: infinite and 0.
+
+    Ranges are infinite where nothing comes back; then follow received powers, corrected for range (reflectivity times
+    exp(-2 extinction range), not clipped), and whether an echo is that of fog or of a drop before the target.
 
     Power is reflectivity exp(-2 extinction range) / range^2. Where fog answers more strongly than the target, which
     depends on the distance alone in Hahner's model, its echo is received instead. The model relates the fog's echo to
@@ -69,23 +58,13 @@ def echoes(
         at_m[drowned] = np.where(noticed, soft.range_m, np.inf)
         intensity[drowned] = strength * noticed
         is_scattered[drowned] = noticed
-    return Echoes(at_m, intensity, is_scattered)
+    return at_m, intensity, is_scattered
 
 
-@dataclass(frozen=True, eq=False)
-class Firing:
-    """The N shots of one turn, in firing order."""
-
-    direction: Float64  # (N, 3) unit vectors in the sensor's coordinates
-    ring: Array  # (N,) uint16 channel, 0 the highest
-    offset_ns: Array  # (N,) int32 time after the turn's end, at which the last shot is made: none is above 0
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, direction=("f8", ("N", 3)), ring=("u2", ("N",)), offset_ns=("i4", ("N",)))
-
-
-def firing(spec: LidarSpec) -> Firing:
-    """Return the shots of one turn: `points_per_s / rate_hz` of them, to the nearest.
+def firing(spec: LidarSpec) -> tuple[Float64, Array, Array]:
+    """Return the shots of one turn in firing order, `points_per_s / rate_hz` of them, to the nearest: directions
+    (N, 3), unit vectors in the sensor's coordinates; rings (N,) uint16, 0 the highest; and times (N,) int32 [ns] after
+    the turn's end, at which the last shot is made: none is above 0.
 
     Shot k is channel k modulo `channels`. Channels lie evenly from `upper_deg` down to `lower_deg`, one alone lies in
     between. The head starts backwards and turns clockwise seen from above (back, left, front, right), a step a shot.
@@ -100,7 +79,7 @@ def firing(spec: LidarSpec) -> Firing:
     flat, up = np.cos(altitude)[ring], np.sin(altitude)[ring]
     direction = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=1)
     offset_ns = np.rint((shot - (num - 1)) * (1e9 / spec.rate_hz / num))
-    return Firing(direction, ring.astype(np.uint16), offset_ns.astype(np.int32))
+    return direction, ring.astype(np.uint16), offset_ns.astype(np.int32)
 
 
 _NOTHING = [0.0] * (256 - len(MATERIALS))
@@ -139,36 +118,36 @@ def sweep(now: Instant, spec: LidarSpec) -> Sweep:
     `motion` nothing moves in the turn and the cloud is as if compensated, though `offset_ns` still says when each point
     was shot; else it is raw. Light plays no part.
     """
-    shots = firing(spec)
-    rays = _rays(now.states, spec, now.body_T_sensor, shots)
+    fired, ring, offset_ns = firing(spec)
+    rays = _rays(now.states, spec, now.body_T_sensor, fired, offset_ns)
     hits = now.caster.cast(rays, now.states)
     true_m = hits.range_m.astype(np.float64)
     reflected = reflectivity(hits, now.caster.material(hits, now.states), rays.direction)
-    received = echoes(true_m, reflected, now.weather, spec.range_m, now.generator("lidar air"))
-    own = now.generator("lidar")
-    measured_m = received.range_m + spec.noise_m * own.standard_normal(len(true_m))
-    kept = np.flatnonzero(np.isfinite(received.range_m) & (own.random(len(true_m)) >= spec.dropout))
-    xyz = (shots.direction[kept] * np.maximum(measured_m[kept], 0.0)[:, None]).astype(np.float32)
-    intensity, ring, offset_ns = np.minimum(received.intensity[kept], 1.0), shots.ring[kept], shots.offset_ns[kept]
-    cloud = PointCloud(now.sensor, now.stamp_ns, now.log_ns, xyz, intensity.astype(np.float32), ring, offset_ns)
-    scattered = received.is_scattered[kept]
+    air, own = now.generator("lidar air"), now.generator("lidar")
+    received_m, power, is_scattered = receive(true_m, reflected, now.weather, spec.range_m, air)
+    measured_m = received_m + spec.noise_m * own.standard_normal(len(true_m))
+    kept = np.flatnonzero(np.isfinite(received_m) & (own.random(len(true_m)) >= spec.dropout))
+    xyz = (fired[kept] * np.maximum(measured_m[kept], 0.0)[:, None]).astype(np.float32)
+    intensity = np.minimum(power[kept], 1.0).astype(np.float32)
+    cloud = PointCloud(now.sensor, now.stamp_ns, now.log_ns, xyz, intensity, ring[kept], offset_ns[kept])
+    scattered = is_scattered[kept]
     body = np.where(scattered, np.int32(MISS), hits.body[kept])
-    return Sweep(cloud, body, np.where(scattered, received.range_m[kept], true_m[kept]))
+    return Sweep(cloud, body, np.where(scattered, received_m[kept], true_m[kept]))
 
 
-def _rays(states: BodyStates, spec: LidarSpec, body_T_sensor: Float64, shots: Firing) -> Rays:
+def _rays(states: BodyStates, spec: LidarSpec, body_T_sensor: Float64, fired: Float64, offset_ns: Array) -> Rays:
     """Return the beams in the world, each from where the sensor is when it is shot."""
-    offset_s = shots.offset_ns * 1e-9 if spec.motion else np.zeros(1)
+    offset_s = offset_ns * 1e-9 if spec.motion else np.zeros(1)
     yaw = states.yaw_rad[EGO] + states.yaw_rate_radps[EGO] * offset_s
     middle = states.position_m[EGO] + states.velocity_mps[EGO] * offset_s[:, None]
     rotation = body_T_sensor.copy()
     rotation[:3, 3] = 0.0
-    origin_m = middle + _turn_into_axes(body_T_sensor[None, :3, 3], yaw)
-    direction = _turn_into_axes(transform(rotation, shots.direction), yaw).astype(np.float32)
+    origin_m = middle + _turn(body_T_sensor[None, :3, 3], yaw)
+    direction = _turn(transform(rotation, fired), yaw).astype(np.float32)
     return Rays(origin_m, direction, spec.range_m, offset_s if spec.motion else None)
 
 
-def _turn_into_axes(xyz: Float64, yaw_rad: Float64) -> Float64:
+def _turn(xyz: Float64, yaw_rad: Float64) -> Float64:
     """Turn vectors (N, 3) or (1, 3) about z by angles (N,) or (1,)."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = xyz[:, 0], xyz[:, 1], xyz[:, 2]

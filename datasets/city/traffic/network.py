@@ -147,7 +147,9 @@ def network_of(city_map: CityMap) -> Network:
     lanes, signals = city_map.lanes, city_map.signals
     along, tangents = [lane_lengths(lane) for lane in lanes], lane_tangents(lanes)
     pairs = conflicts_of(lanes, along)
-    split_starts, splits = splits_of(pairs, len(lanes))
+    splits = np.zeros(np.count_nonzero(pairs.parts), SPLIT)
+    splits["lane"], splits["until_m"] = pairs.other[pairs.parts], pairs.other_to_m[pairs.parts]
+    split_starts = np.searchsorted(pairs.lane[pairs.parts], np.arange(len(lanes) + 1))
     gate_starts, gates, conflicts = gates_of(lanes, along, pairs)
     nexts = [(k, _weight(tangents[k])) for lane in lanes for k in lane.successors]
     groups = zip(signals.green_from_s, signals.green_s, strict=True)
@@ -310,14 +312,6 @@ CONFLICT = np.dtype([("lane", "i8"), ("from_m", "f8"), ("to_m", "f8")])
 """Another lane, and where along it a body would be in the way."""
 SPLIT = np.dtype([("lane", "i8"), ("until_m", "f8")])
 """A lane that begins at the same node, and how far along it a body is still in the way."""
-
-
-def splits_of(conflicts: Conflicts, num_lanes: int) -> tuple[Array, Array]:
-    """Return where each lane's rows begin (L + 1,), and the rows of `SPLIT`."""
-    lane = conflicts.lane[conflicts.parts]
-    rows = np.zeros(len(lane), SPLIT)
-    rows["lane"], rows["until_m"] = conflicts.other[conflicts.parts], conflicts.other_to_m[conflicts.parts]
-    return np.searchsorted(lane, np.arange(num_lanes + 1)), rows
 
 
 def gates_of(lanes: tuple[Lane, ...], along: list[Float64], conflicts: Conflicts) -> tuple[Array, Array, Array]:
