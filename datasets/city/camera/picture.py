@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from fbench.datasets.city.camera.develop import add_streaks, develop, mean_across
@@ -16,6 +15,7 @@ from fbench.datasets.city.rays.caster import EmbreeCaster, Instant
 from fbench.datasets.city.rig import CameraSpec
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
+from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image
 from fbench.replay.geometry.kernels import kernel
 
@@ -231,8 +231,8 @@ def picture(now: Instant, spec: CameraSpec) -> Picture:
     linear = linear.reshape(height, width, 3)
     add_streaks(linear, now, model, light)
     rgb = develop(linear, spec, light, now.generator("camera"))
-    _, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, spec.jpeg_quality])
-    image = Image(now.sensor, now.stamp_ns, now.log_ns, bytes(data.tobytes()), "jpeg", spec.size_wh)
+    data = encode_jpeg(rgb[..., ::-1], spec.jpeg_quality)
+    image = Image(now.sensor, now.stamp_ns, now.log_ns, data, "jpeg", spec.size_wh)
     hits, depth_m = samples.hits, eye.depth_m(uv, samples.hits.range_m)
     return Picture(
         image, rgb, depth_m.reshape(height, width), hits.body.reshape(height, width),
