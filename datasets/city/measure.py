@@ -168,10 +168,9 @@ _GRID = 12  # Rays across a body, in both directions
 
 
 def visible_shares(caster: EmbreeCaster, states: BodyStates, bodies: Int64, range_m: float) -> Float64:
-    """Return the visible share (B,) of each of `bodies` (B,), 0 to 1, in clear air.
-
-    Of the rays over a body's outline that would hit it if it were alone, the share that do; seen from `EYE_M` above
-    the middle of the ego vehicle. A body that no ray of its grid hits counts as unseen.
+    """Return the visible share (B,) of each of `bodies` (B,), 0 to 1, in clear air. Of the rays over a body's outline
+    that would hit it if it were alone, the share that do; seen from `EYE_M` above the middle of the ego vehicle. A body
+    that no ray of its grid hits counts as unseen.
     """
     if not len(bodies):
         return np.zeros(0)

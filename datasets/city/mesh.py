@@ -157,7 +157,6 @@ def cylinder(
 
 def loft(sections_m: Sequence[Float64], skin: Skin, closed: bool = True) -> Mesh:
     """Join convex rings of P points each, (P, 3), one after the other; both ends are closed unless `closed` is false.
-
     Seen along the way from the first ring to the last, points run clockwise: from its end, counter-clockwise.
     """
     num, last = len(sections_m[0]), len(sections_m) - 1

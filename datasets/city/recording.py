@@ -128,9 +128,8 @@ def _pose(motion: Motion, slot: Slot) -> Pose:
 
 @dataclass(eq=False)
 class CityRecording:
-    """One simulated log; implements `fbench.replay.contracts.protocols.Recording`.
-
-    The same spec gives the same items in any process, with any number of threads.
+    """One simulated log; implements `fbench.replay.contracts.protocols.Recording`. The same spec gives the same items
+    in any process, with any number of threads.
     """
 
     spec: CitySpec

@@ -45,10 +45,9 @@ violent showers, illuminances those of the sky that the name says; the rest is c
 
 
 def condition(text: str) -> Condition:
-    """Return the condition of a name, or the mixture of several joined by `+`, such as `traffic+fog`.
-
-    A mixture has the shortest visibility, the most rain, the least light, the lowest sun, and dense traffic where any
-    of its parts has. Raises ConfigError for an unknown name, or one that comes twice.
+    """Return the condition of a name, or the mixture of several joined by `+`, such as `traffic+fog`. A mixture has the
+    shortest visibility, the most rain, the least light, the lowest sun, and dense traffic where any of its parts has.
+    Raises ConfigError for an unknown name, or one that comes twice.
     """
     names = [name.strip() for name in text.split("+")]
     for name in names:

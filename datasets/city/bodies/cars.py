@@ -45,28 +45,6 @@ STYLES: Final = {
 """Sizes are typical of the European classes from supermini to large SUV."""
 
 
-def car_profile(style: Style, draw: np.random.Generator) -> Profile:
-    """Draw a car of a style."""
-    length, width, height = (float(draw.uniform(*sizes)) for sizes in (style.length_m, style.width_m, style.height_m))
-    belt, bonnet = 0.62 * height, (0.505 if style.sill_m < 0.2 else 0.54) * height
-    cowl, roof, rear, deck = (share * length for share in (style.cowl, style.roof_from, style.roof_to, style.deck))
-    boot = style.boot * height
-    return Profile(
-        length_m=length, width_m=width,
-        top=((0, bonnet), (0.07, bonnet + 0.06), (0.32, bonnet + 0.13), (cowl, belt + 0.1), (roof, height - 0.035),
-             (0.55 * roof + 0.45 * rear, height), (rear, height - 0.05), (deck, boot + 0.02), (length - 0.05, boot),
-             (length, boot - 0.07)),
-        belt=((0, bonnet - 0.05), (0.25, bonnet + 0.02), (cowl, belt), (length, belt + 0.05)),
-        plan=((0, 0.77), (0.06, 0.87), (0.17, 0.94), (0.45, 0.99), (0.7, 1), (length - 0.6, 1), (length - 0.3, 0.975),
-              (length - 0.08, 0.92), (length, 0.84)),
-        sill_m=style.sill_m, mid_m=(0.36 if style.sill_m < 0.2 else 0.29) * height, tumblehome=0.36,
-        windscreen=(cowl + 0.03, roof - 0.02), rear_window=(rear + 0.05, deck - 0.04),
-        windows=tuple((a * length + 0.04, b * length - 0.04) for a, b in pairwise(style.doors)),
-        axles=tuple(share * length for share in style.axles),
-        wheel_radius_m=style.wheel_m * (0.97 + 0.06 * draw.random()),
-    )  # fmt: skip
-
-
 _OFTEN: Final = {"hatchback": 0.34, "sedan": 0.22, "estate": 0.16, "suv": 0.28}  # How often a style is drawn
 _TYRE_M: Final = 0.215
 
@@ -75,7 +53,25 @@ def make_car(draw: np.random.Generator, style: str = "") -> Body:
     """Draw a car, of a style where it is named."""
     names = list(_OFTEN)
     name = style or names[int(np.searchsorted(np.cumsum(list(_OFTEN.values()))[:-1], draw.random(), side="right"))]
-    hull = make_hull(car_profile(STYLES[name], draw))
+    of = STYLES[name]
+    length, width, height = (float(draw.uniform(*sizes)) for sizes in (of.length_m, of.width_m, of.height_m))
+    belt, bonnet = 0.62 * height, (0.505 if of.sill_m < 0.2 else 0.54) * height
+    cowl, roof, rear, deck = (share * length for share in (of.cowl, of.roof_from, of.roof_to, of.deck))
+    boot = of.boot * height
+    hull = make_hull(Profile(
+        length_m=length, width_m=width,
+        top=((0, bonnet), (0.07, bonnet + 0.06), (0.32, bonnet + 0.13), (cowl, belt + 0.1), (roof, height - 0.035),
+             (0.55 * roof + 0.45 * rear, height), (rear, height - 0.05), (deck, boot + 0.02), (length - 0.05, boot),
+             (length, boot - 0.07)),
+        belt=((0, bonnet - 0.05), (0.25, bonnet + 0.02), (cowl, belt), (length, belt + 0.05)),
+        plan=((0, 0.77), (0.06, 0.87), (0.17, 0.94), (0.45, 0.99), (0.7, 1), (length - 0.6, 1), (length - 0.3, 0.975),
+              (length - 0.08, 0.92), (length, 0.84)),
+        sill_m=of.sill_m, mid_m=(0.36 if of.sill_m < 0.2 else 0.29) * height, tumblehome=0.36,
+        windscreen=(cowl + 0.03, roof - 0.02), rear_window=(rear + 0.05, deck - 0.04),
+        windows=tuple((a * length + 0.04, b * length - 0.04) for a, b in pairwise(of.doors)),
+        axles=tuple(share * length for share in of.axles),
+        wheel_radius_m=of.wheel_m * (0.97 + 0.06 * draw.random()),
+    ))  # fmt: skip
     paint = Skin("paint", pick(draw, CARS))
     rim = CHROME if draw.random() < 0.6 else STEEL
     skirt = DARK if name == "suv" and draw.random() < 0.7 else None

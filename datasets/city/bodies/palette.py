@@ -30,7 +30,6 @@ TOPS: Final = {"1c1e24": 0.22, "e6e4df": 0.12, "5c6167": 0.14, "27406e": 0.16, "
 TROUSERS: Final = {"1b1d22": 0.32, "2b3a58": 0.36, "4a4d52": 0.14, "6f6149": 0.12, "9c9482": 0.06}
 SKINS: Final = {"e8bd9c": 0.35, "d8a27c": 0.25, "b57d57": 0.18, "8a5a3b": 0.12, "583824": 0.1}
 HAIR: Final = {"1a1512": 0.4, "3b2719": 0.3, "6b4a2b": 0.13, "b08d57": 0.08, "8b8a88": 0.09}
-
 TYRE = Skin("rubber", linear("232425"))
 BLACK = Skin("plastic", linear("1b1c1d"))
 DARK = Skin("plastic", linear("2b2c2e"))

@@ -16,9 +16,8 @@ def shell(
     sections_m: Float64, cells: Array, palette: Sequence[Skin], ends: tuple[Array | int, Array | int] | None = (0, 0)
 ) -> Mesh:
     """Join rings (S, K, 3), which run counter-clockwise seen from the last one, by cells (S - 1, K) of two triangles.
-
-    `cells` are indices into `palette`; cell k lies between points k and k + 1. `ends` are the skins of both ends,
-    which must be convex, or of each of the K triangles around their middles; `None` leaves them open.
+    `cells` are indices into `palette`; cell k lies between points k and k + 1. `ends` are the skins of both ends, which
+    must be convex, or of each of the K triangles around their middles; `None` leaves them open.
     """
     num, around = sections_m.shape[:2]
     points = np.concatenate([sections_m.reshape(-1, 3), sections_m[[0, -1]].mean(1)])
@@ -51,9 +50,8 @@ def skin_surface(vertices_m: Float64, triangles: Array, skin: Array, palette: Se
 
 
 def tube(path_m: ArrayLike, radii_m: Array, num_sides: int, skins: Sequence[Skin]) -> Mesh:
-    """Return a closed tube along points (M, 3) with radii (M,), or (M, 2) across and along the path's plane.
-
-    `skins` has one skin for all, or one for each of the M - 1 segments.
+    """Return a closed tube along points (M, 3) with radii (M,), or (M, 2) across and along the path's plane. `skins`
+    has one skin for all, or one for each of the M - 1 segments.
     """
     path = np.asarray(path_m, np.float64)
     radii = np.asarray(radii_m, np.float64).reshape(len(path), -1)

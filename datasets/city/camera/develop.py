@@ -17,9 +17,8 @@ SHRINK = 4  # Glare is smooth: it is computed at a quarter of the image's width 
 
 
 def glare_of(image: Float32, radius_px: float) -> Float32:
-    """Return what is brighter than white (1) in an image (H, W, 3), spread around: (H/4, W/4, 3), rounded up.
-
-    A narrow halo holds most of it, a wide one the rest.
+    """Return what is brighter than white (1) in an image (H, W, 3), spread around: (H/4, W/4, 3), rounded up. A narrow
+    halo holds most of it, a wide one the rest.
     """
     over, found = _excess(image)
     if not found:
@@ -162,9 +161,8 @@ _LIGHT = 0.95  # A drop shows nearly all that is in front of it, most of it sky 
 
 
 def add_streaks(linear: Float32, now: Instant, model: CameraModel, light: Light) -> None:
-    """Draw the drops of an instant over the light (H, W, 3) of an image, in place.
-
-    Drops belong to the instant, not to the camera: both of a stereo pair show the same ones.
+    """Draw the drops of an instant over the light (H, W, 3) of an image, in place. Drops belong to the instant, not to
+    the camera: both of a stereo pair show the same ones.
     """
     rain_mm_h = now.weather.rain_mm_h
     if rain_mm_h <= 0:

@@ -30,9 +30,8 @@ _ASIDE_PX, _UPRIGHT_PX = 1, 5
 def mirror_samples(
     caster: EmbreeCaster, states: BodyStates, samples: Samples, width: int
 ) -> tuple[Samples, Int64] | None:
-    """Return what every other wet pixel of every other row of an image mirrors, and which pixels (M,); or nothing.
-
-    It is told as if it were seen from the camera through the ground.
+    """Return what every other wet pixel of every other row of an image mirrors, and which pixels (M,); or nothing. It
+    is told as if it were seen from the camera through the ground.
     """
     origin = samples.rays.origin_m[0]
     index, start, direction = _reflect(samples.arrays, origin, WETTABLE, width)
@@ -204,9 +203,8 @@ class Picture:
 
 
 def picture(now: Instant, spec: CameraSpec) -> Picture:
-    """Take an image: one ray through the center of each pixel, more where edges need it.
-
-    The camera's coordinates are x right, y down, z forward. The noise is its own; the rest is the same for all cameras.
+    """Take an image: one ray through the center of each pixel, more where edges need it. The camera's coordinates are x
+    right, y down, z forward. The noise is its own; the rest is the same for all cameras.
     """
     light, model = light_of(now.weather), spec.model()
     caster, states, eye = now.caster, now.states, Eye(model, now.world_T_sensor)

@@ -176,9 +176,8 @@ class Scene(NamedTuple):
 
 
 def radiances(samples: Samples, scene: Scene, mirror: Float32) -> Float32:
-    """Return how bright (N, 3) samples are in the image, linear; white is 1.
-
-    `mirror` (N, 4) is what wet ground mirrors, in the same unit, and whether that is known; (0, 4): nowhere.
+    """Return how bright (N, 3) samples are in the image, linear; white is 1. `mirror` (N, 4) is what wet ground
+    mirrors, in the same unit, and whether that is known; (0, 4): nowhere.
     """
     hits, origin = samples.arrays, samples.rays.origin_m[0]
     albedo, shine = looks.colors(scene.surfaces, hits, EMITS)

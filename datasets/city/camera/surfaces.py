@@ -110,9 +110,8 @@ def surfaces_of(caster: EmbreeCaster, states: BodyStates, light: Light) -> Surfa
 
 @kernel
 def colors(surfaces: Surfaces, hits: HitArrays, emits: Array) -> tuple[Float32, Float32]:
-    """Return albedo or color of light (N, 3) of what was hit, and its luminance (N,) where it shines, else 0.
-
-    `emits` is `EMITS`. Lamps that are off are dark.
+    """Return albedo or color of light (N, 3) of what was hit, and its luminance (N,) where it shines, else 0. `emits`
+    is `EMITS`. Lamps that are off are dark.
     """
     body, triangle, material = hits.body, hits.triangle, hits.material
     static_color, static_lamp, color, lamp = surfaces.static_color, surfaces.static_lamp, surfaces.color, surfaces.lamp
@@ -176,10 +175,9 @@ _ROOT_OF_2 = math.sqrt(2)
 
 @kernel
 def patterns(hits: HitArrays, origin: Array, place: Array, size_px: float, table: Array) -> Float32:
-    """Return the factor (N,) on the albedo of each hit.
-
-    `place` (B, 5) is where bodies are: position, cosine and sine of yaw, with which their patterns move along; a pixel
-    in the middle of the image covers `size_px` [rad]; `table` is `TEXTURES`.
+    """Return the factor (N,) on the albedo of each hit. `place` (B, 5) is where bodies are: position, cosine and sine
+    of yaw, with which their patterns move along; a pixel in the middle of the image covers `size_px` [rad]; `table` is
+    `TEXTURES`.
     """
     range_m, body, direction, normal, material = hits.range_m, hits.body, hits.direction, hits.normal, hits.material
     result = np.ones(len(body), np.float32)
@@ -206,7 +204,6 @@ def patterns(hits: HitArrays, origin: Array, place: Array, size_px: float, table
 @kernel
 def pattern(table: Array, row: int, u: float, v: float, minor_m: float, major_m: float, salt: int) -> float:
     """Return the factor on the albedo at place (u, v) [m] of a surface, of which a pixel covers `minor_m` x `major_m`.
-
     Surfaces of different salts have different patterns.
     """
     grain = _grain(table[row, _FINEST], u, v, minor_m, major_m, salt)

@@ -122,9 +122,8 @@ def rays_at_body(
     body: Float64, box: Float64,
 ) -> tuple[Int64, Float32, Float32]:  # fmt: skip
     """Return the rays (M,) that meet a body's box, ascending, and their origins and directions (M, 3) in its
-    coordinates at each ray's offset.
-
-    `body` (8,) is its position, yaw, velocity and yaw rate; `box` (6,) middle and half size in its own coordinates.
+    coordinates at each ray's offset. `body` (8,) is its position, yaw, velocity and yaw rate; `box` (6,) middle and
+    half size in its own coordinates.
     """
     chosen = _touched(blocks, body, box, range_m)
     rays = np.empty(len(chosen) * _MOST, np.int64)
@@ -208,10 +207,9 @@ def facing_normals(
     body: Array, triangle: Array, direction: Float32, offset_s: Float64, bodies: Float64, first: Int64,
     normals: Float32,
 ) -> Float32:  # fmt: skip
-    """Return unit normals (N, 3) in the world, towards where rays come from; 0 for misses.
-
-    `normals` are those of all meshes in their own coordinates, one mesh after the other; `first` (A,) is where the
-    mesh of each body begins, and the static world's are the first. `bodies` (A, 8) as in `rays_at_body`.
+    """Return unit normals (N, 3) in the world, towards where rays come from; 0 for misses. `normals` are those of all
+    meshes in their own coordinates, one mesh after the other; `first` (A,) is where the mesh of each body begins, and
+    the static world's are the first. `bodies` (A, 8) as in `rays_at_body`.
     """
     facing = np.zeros((len(body), 3), np.float32)
     cos, sin = np.cos(bodies[:, 3]), np.sin(bodies[:, 3])
@@ -237,9 +235,8 @@ _NO_OFFSETS.setflags(write=False)  # like those of rays: kernels are compiled fo
 
 
 class EmbreeCaster:
-    """Casts rays at a static world and at actors wherever they are. Never changes, so threads can share it.
-
-    Bodies are met in their own coordinates, so that distance from the world's origin costs them no precision.
+    """Casts rays at a static world and at actors wherever they are. Never changes, so threads can share it. Bodies are
+    met in their own coordinates, so that distance from the world's origin costs them no precision.
     """
 
     def __init__(self, static: Mesh, actors: tuple[Actor, ...]) -> None:

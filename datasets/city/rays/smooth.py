@@ -33,10 +33,8 @@ class Scene:
         self._scene.run(nothing, nothing)  # builds the tree, which must not happen while threads share it
 
     def nearest(self, origin_m: Array, direction: Float32, range_m: float) -> tuple[Float32, Array]:
-        """Return how far (N,) the first surface is and its triangle (N,) int32, -1 where there is none.
-
-        Origins (N, 3) or (1, 3) and unit vectors (N, 3) are in the mesh's coordinates; what is said of misses is
-        undefined.
+        """Return how far (N,) the first surface is and its triangle (N,) int32, -1 where there is none. Origins (N, 3)
+        or (1, 3) and unit vectors (N, 3) are in the mesh's coordinates; what is said of misses is undefined.
         """
         limits = np.full(len(direction), min(range_m, _FARTHEST_M), np.float32)
         found = self._scene.run(_spread(origin_m, direction), direction, dists=limits, output=True)
@@ -128,10 +126,9 @@ def round_normals(
     body: Array, triangle: Array, range_m: Float32, direction: Float32, origin_m: Float64, normal: Float32,
     bodies: Float64, first: Int64, corners: Rounding,
 ) -> Float32:  # fmt: skip
-    """Return `normal` (N, 3) with those of bodies replaced by ones that change steadily over round surfaces.
-
-    They still point to where the ray comes from. `origin_m` (3,) is that of all rays, `bodies` (A, 4) position and
-    yaw, `first` (A,) where the triangles of each body's mesh begin in `corners`.
+    """Return `normal` (N, 3) with those of bodies replaced by ones that change steadily over round surfaces. They still
+    point to where the ray comes from. `origin_m` (3,) is that of all rays, `bodies` (A, 4) position and yaw, `first`
+    (A,) where the triangles of each body's mesh begin in `corners`.
     """
     result, cos, sin = normal.copy(), np.cos(bodies[:, 3]), np.sin(bodies[:, 3])
     position, normals, is_round = corners.position_m, corners.normal, corners.is_round

@@ -38,7 +38,6 @@ def is_convex(points_m: Float64) -> Bool:
 
 def _strip(points: Float64) -> Array | None:
     """Triangles of a strip: all its quadrilaterals, each between two points of a side and those opposite, are convex.
-
     Where that holds of a simple outline they can't overlap: it would wind around some place twice.
     """
     num = len(points)

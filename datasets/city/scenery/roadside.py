@@ -238,9 +238,8 @@ def hydrant(size_lwh_m: Three) -> Mesh:
 
 
 def signal(size_lwh_m: Three) -> Mesh:
-    """Return a signal for those who come towards its front (x); its lamps are numbered 0 red, 1 yellow, 2 green.
-
-    Below 3 m it is one for pedestrians, without yellow.
+    """Return a signal for those who come towards its front (x); its lamps are numbered 0 red, 1 yellow, 2 green. Below
+    3 m it is one for pedestrians, without yellow.
     """
     length, width, height = size_lwh_m
     front, wide = min(length, 0.5) / 2, min(width, 0.32)

@@ -22,9 +22,8 @@ _BARK: Rgb = (0.11, 0.085, 0.06)
 
 
 def tree(species: int, num_leaves: int, rng: np.random.Generator) -> Mesh:
-    """Return a tree in a box of 1 x 1 x 1: round, tall, a conifer, or spreading.
-
-    `species` is 0 to 3, `num_leaves` about how many clusters of leaves it has.
+    """Return a tree in a box of 1 x 1 x 1: round, tall, a conifer, or spreading. `species` is 0 to 3, `num_leaves`
+    about how many clusters of leaves it has.
     """
     blobs, foot = _crown_blobs(species, rng)
     leaves = _within(_foliage(blobs, num_leaves, 3.4 / np.sqrt(num_leaves), _LEAVES[species], 0.5, rng), foot)
@@ -62,9 +61,8 @@ def _crown_blobs(species: int, rng: np.random.Generator) -> tuple[list[Blob], fl
 
 
 def _foliage(blobs: Sequence[Blob], num: int, size: float, color: Rgb, squash: float, rng: np.random.Generator) -> Mesh:
-    """About `num` clusters of leaves around blobs; `squash` makes up for what stretches them upwards later.
-
-    In each blob is a dark, uneven ball, so that little shines through; leaves are where it lies in no other blob.
+    """About `num` clusters of leaves around blobs; `squash` makes up for what stretches them upwards later. In each
+    blob is a dark, uneven ball, so that little shines through; leaves are where it lies in no other blob.
     """
     angle, (red, green, blue) = np.arange(6) * (2 * np.pi / 6), color
     dark, cores = Skin("foliage", (0.45 * red, 0.45 * green, 0.45 * blue)), []
@@ -147,10 +145,9 @@ _MAKERS: dict[Kind, Make] = {
 
 
 def scenery(layout: Layout, seed: int) -> Mesh:
-    """Return everything that stands or lies in a world, in its coordinates.
-
-    Every thing stays within the box of its placement; buildings fill it. Things of one kind, size (to 1 cm) and variant
-    share their shape. Lamps of signals bear the numbers 3 * group + 0 red, 1 yellow, 2 green; all else bears -1.
+    """Return everything that stands or lies in a world, in its coordinates. Every thing stays within the box of its
+    placement; buildings fill it. Things of one kind, size (to 1 cm) and variant share their shape. Lamps of signals
+    bear the numbers 3 * group + 0 red, 1 yellow, 2 green; all else bears -1.
     """
     groups: dict[tuple[Kind, Three, int], list[Placement]] = defaultdict(list)
     for i, placement in enumerate(layout.placements):

@@ -96,7 +96,6 @@ def quantize(echoes: Echoes, spec: RadarSpec) -> Echoes:
 
 def merge_cells(echoes: Echoes) -> Echoes:
     """Return one echo for all of equal range, direction and speed: powers add up, the rest is that of the strongest.
-
     Sorted by range, azimuth, altitude, speed.
     """
     cells = (echoes.range_m, echoes.azimuth_rad, echoes.altitude_rad, echoes.speed_mps)
@@ -142,9 +141,8 @@ _GOLDEN = (np.sqrt(5) - 1) / 2
 
 def radar_rays(spec: RadarSpec, rng: np.random.Generator) -> tuple[Float64, Float64, Float64]:
     """Return azimuths and altitudes (N,) of points_per_s / rate_hz rays in polar coordinates of the sensor, spread
-    evenly, never where they were before; and the solid angle (N,) of the field of view that each stands for.
-
-    A golden-ratio lattice at a random place: every part of the field of view gets its share of rays in every scan.
+    evenly, never where they were before; and the solid angle (N,) of the field of view that each stands for. A
+    golden-ratio lattice at a random place: every part of the field of view gets its share of rays in every scan.
     """
     num = max(1, round(spec.points_per_s / spec.rate_hz))
     width, height = np.radians(spec.horizontal_fov_deg), np.radians(spec.vertical_fov_deg)
@@ -160,11 +158,9 @@ _CLUTTER_FROM_M, _CLUTTER_DBSM, _CLUTTER_MPS = 1.0, (-10.0, 5.0), 0.5
 
 
 def ghosts(echoes: Echoes, spec: RadarSpec, rng: np.random.Generator) -> Echoes:
-    """Return second echoes of road users that are strong enough for it, with the chance `spec.multipath` each.
-
-    They come from the same direction, 1 to 10 m farther and 10 dB weaker, with once or twice the relative speed:
-    reflected once more by another surface, or by the ego vehicle itself. An echo is strong where its ghost would still
-    be found.
+    """Return second echoes of road users that are strong enough for it, with the chance `spec.multipath` each. They
+    come from the same direction, 1 to 10 m farther and 10 dB weaker, with once or twice the relative speed: reflected
+    once more by another surface, or by the ego vehicle itself. An echo is strong where its ghost would still be found.
     """
     strong = echoes[(echoes.body >= 0) & (echoes.margin_db >= GHOST_LOSS_DB)]
     chance, detour, twice = rng.random((3, len(strong)))
@@ -182,10 +178,9 @@ def ghosts(echoes: Echoes, spec: RadarSpec, rng: np.random.Generator) -> Echoes:
 
 
 def clutter(spec: RadarSpec, sensor_mps: Float64, rng: np.random.Generator) -> Echoes:
-    """Return false echoes, Poisson many, evenly over the field of view, their density falling with 1 / range.
-
-    -10 dBsm with a deviation of 5 dB, and 0.5 m/s over ground: what drops, spray and leaves do. `sensor_mps` (3,) is
-    the sensor's velocity over ground, in its own axes.
+    """Return false echoes, Poisson many, evenly over the field of view, their density falling with 1 / range. -10 dBsm
+    with a deviation of 5 dB, and 0.5 m/s over ground: what drops, spray and leaves do. `sensor_mps` (3,) is the
+    sensor's velocity over ground, in its own axes.
     """
     num = int(rng.poisson(spec.clutter))
     share, across, up = rng.random((3, num))
@@ -222,9 +217,8 @@ class Scan:
 
 def scan(now: Instant, spec: RadarSpec) -> Scan:
     """Return what a radar measures at one instant: the echoes in their order of azimuth, then ghosts, then clutter.
-
-    Rain and fog weaken echoes on their way there and back; no car radar makes up for it, so the RCS that it gives
-    falls by the same.
+    Rain and fog weaken echoes on their way there and back; no car radar makes up for it, so the RCS that it gives falls
+    by the same.
     """
     azimuth, altitude, solid_angle = radar_rays(spec, now.generator("radar"))
     normals, false = now.generator("radar", "noise").standard_normal((5, len(azimuth))), now.generator("radar", "false")
@@ -251,7 +245,6 @@ def _receive(
     now: Instant, spec: RadarSpec, azimuth: Float64, altitude: Float64, solid_angle: Float64, fading: Float64
 ) -> Echoes:
     """Return the echoes of all rays that hit something, however weak; `fading` (N,) are standard normal numbers.
-
     Received power falls with the range's 4th power. At a range of 100 m cars are found throughout, walls as far where
     they face the sensor, asphalt to some 15 m.
     """

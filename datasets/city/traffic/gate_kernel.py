@@ -58,7 +58,6 @@ def is_clear(
     held: Holders, blocked: Array, blocker: Array,
 ) -> bool:  # fmt: skip
     """Whether nobody has, or was just given, a right to what meets the gates from `g` to those at place `last`.
-
     `blocked` (B,) are lanes that were just given or are kept free, and `blocker` (B,) for whom.
     """
     for m in range(k, last + 1):
@@ -101,9 +100,8 @@ _FIRST, _AT_LINE_M, _LONGEST_CHAIN = 1e6, 3.0, 8
 
 @kernel
 def first_gate(lanes: Array, gates: Array, me: np.void, way: Array) -> tuple[int, int, float]:
-    """The next gate on a mover's way that it has no right to: place in the way, gate, distance from its front.
-
-    The gate is -1 where there is none within its window.
+    """The next gate on a mover's way that it has no right to: place in the way, gate, distance from its front. The gate
+    is -1 where there is none within its window.
     """
     offset = 0.0
     for k in range(HERE, WINDOW):
@@ -252,9 +250,7 @@ def _chain(
     lanes: Array, gates: Array, lights: Array, me: np.void, way: Array, k: int, g: int, passed: Array
 ) -> tuple[int, float, int]:
     """Gates from `g` on without room to stop between: place in the way of the last, its end as seen from `HERE`, and
-    how many; `passed` receives their lanes.
-
-    The place is -1 where a signal isn't green or the way is too short to tell.
+    how many; `passed` receives their lanes. The place is -1 where a signal isn't green or the way is too short to tell.
     """
     offset = 0.0
     for m in range(HERE, k):

@@ -80,10 +80,9 @@ def _bends(along: Float64, tangent: Float64) -> Float64:
 
 
 def longest_in_curve(radius_m: float, lane_m: float) -> float:
-    """Length of the longest vehicle that, its axles on an arc, hardly leaves its lane.
-
-    Its middle is on a circle of sqrt(R^2 - a^2) with the axles a before and behind it; the inner side reaches half its
-    width inside, the front corners sqrt((r + w/2)^2 + (l/2)^2) outside.
+    """Length of the longest vehicle that, its axles on an arc, hardly leaves its lane. Its middle is on a circle of
+    sqrt(R^2 - a^2) with the axles a before and behind it; the inner side reaches half its width inside, the front
+    corners sqrt((r + w/2)^2 + (l/2)^2) outside.
     """
     length = np.arange(_SHORT_M, 25.0, _STEP_M)
     axles = np.minimum(AXLE * length, radius_m)
@@ -100,7 +99,6 @@ _LATERAL_MPS2 = 2.8
 _SLOWING_MPS2 = 1.2  # How hard they brake before a curve
 _CRAWL_MPS = 1.0
 ALONG, CURVE = 5, 6  # Columns of `Network.path`
-
 LANE = np.dtype([
     ("length_m", "f8"), ("speed_mps", "f8"), ("longest_m", "f8"), ("kind", "i8"), ("left", "i8"), ("right", "i8"),
     ("signal", "i8"), ("point_from", "i8"), ("point_to", "i8"), ("next_from", "i8"), ("next_to", "i8"),
@@ -151,7 +149,9 @@ def network_of(city_map: CityMap) -> Network:
     splits["lane"], splits["until_m"] = pairs.other[pairs.parts], pairs.other_to_m[pairs.parts]
     split_starts = np.searchsorted(pairs.lane[pairs.parts], np.arange(len(lanes) + 1))
     gate_starts, gates, conflicts = gates_of(lanes, along, pairs)
-    nexts = [(k, _weight(tangents[k])) for lane in lanes for k in lane.successors]
+    # Straight on is chosen most often; who turns left holds up those behind, so few do.
+    weights = [4.0 if (t[0] * t[-1]).sum() > 0.7 else 0.25 if _turns_left(t) else 1.5 for t in tangents]
+    nexts = [(k, weights[k]) for lane in lanes for k in lane.successors]
     groups = zip(signals.green_from_s, signals.green_s, strict=True)
     path = [np.column_stack([lane.points_m, t, a, _curve_speeds(a, t)])
             for lane, a, t in zip(lanes, along, tangents, strict=True)]  # fmt: skip
@@ -228,13 +228,6 @@ def _curve_speeds(along: Float64, tangent: Float64) -> Float64:
     return np.asarray(speed, np.float64)
 
 
-def _weight(tangent: Float64) -> float:
-    """Straight on is chosen most often; who turns left holds up those behind, so few do."""
-    if (tangent[0] * tangent[-1]).sum() > 0.7:
-        return 4.0
-    return 0.25 if _turns_left(tangent) else 1.5
-
-
 def _turns_left(tangent: Float64) -> bool:
     return float(tangent[0, 0] * tangent[-1, 1] - tangent[0, 1] * tangent[-1, 0]) > 0.7
 
@@ -305,7 +298,6 @@ def _follow(lanes: tuple[Lane, ...], along: list[Float64]) -> Bool:
 
 
 _APART_M = 2.0  # Stretches that are nearer to each other become one
-
 GATE = np.dtype([("from_m", "f8"), ("to_m", "f8"), ("conflict_from", "i8"), ("conflict_to", "i8")])
 """A stretch of a lane, and rows of what meets it."""
 CONFLICT = np.dtype([("lane", "i8"), ("from_m", "f8"), ("to_m", "f8")])
@@ -315,10 +307,8 @@ SPLIT = np.dtype([("lane", "i8"), ("until_m", "f8")])
 
 
 def gates_of(lanes: tuple[Lane, ...], along: list[Float64], conflicts: Conflicts) -> tuple[Array, Array, Array]:
-    """Return where each lane's gates begin (L + 1,), rows of `GATE`, and rows of `CONFLICT`.
-
-    Whole lanes in junctions, and lanes after a signal, are one gate from their beginning; elsewhere a gate is where
-    other lanes come near.
+    """Return where each lane's gates begin (L + 1,), rows of `GATE`, and rows of `CONFLICT`. Whole lanes in junctions,
+    and lanes after a signal, are one gate from their beginning; elsewhere a gate is where other lanes come near.
     """
     after_signal = {k for lane in lanes if lane.signal is not None for k in lane.successors}
     first: list[int] = [0]

@@ -163,7 +163,6 @@ def _parting(roads: Roads, movers: Array, taken: Occupancy, lane: int, s: float,
 
 def near_pairs(now: Float64, then: Float64, sizes: Float64, margin_m: float) -> Array:
     """Pairs (M, 2) of bodies that may come nearer than 2 margins, whether they go on from `now` to `then` or stay.
-
     `now` and `then` (N, 9) are poses, `sizes` (N, 2) lengths and widths. Circles around the bodies, along x and y.
     """
     x, y = then[:, 0], then[:, 1]

@@ -204,9 +204,8 @@ def overlaps(p: Float64, q: Float64, size_p: Float64, size_q: Float64, margin: f
 
 @kernel
 def stop_before_touching(movers: Array, now: Float64, then: Float64, sizes: Float64, pairs: Array) -> int:
-    """Stop at once who would touch another within the step: whoever is behind, else who has the higher number.
-
-    `now` and `then` (N, 9) are poses at the step's beginning and end; rows of `then` become those of `now` for who is
+    """Stop at once who would touch another within the step: whoever is behind, else who has the higher number. `now`
+    and `then` (N, 9) are poses at the step's beginning and end; rows of `then` become those of `now` for who is
     stopped. `pairs` (M, 2) are those of `near_pairs`. Returns how many of those who were stopped drove.
     """
     num, changed = 0, True

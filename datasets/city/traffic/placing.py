@@ -91,9 +91,8 @@ class Place(NamedTuple):
 
 
 def place_movers(net: Network, bodies: list[Body], spread: float, seed: int) -> tuple[list[Body], State]:
-    """Place bodies on lanes of their kind, the longest first; who finds no place stays away.
-
-    Returns those who have a place, in their order, and their state.
+    """Place bodies on lanes of their kind, the longest first; who finds no place stays away. Returns those who have a
+    place, in their order, and their state.
     """
     drivers = [draw_driver(body.label, body.size_lwh_m[2], spread, generator(seed, "traffic", "driver", i))
                for i, body in enumerate(bodies)]  # fmt: skip

@@ -69,9 +69,8 @@ _BEND_M = 6.0  # Distance between corners of outlines: within 15 mm of the curve
 
 def highway_ground(seed: int, bays_m: Float64) -> tuple[tuple[Polygon, ...], tuple[Patch, ...]]:
     """Both carriageways, each from the median to the end of its shoulder, segment by segment, with their bays; and
-    their asphalt, the median and markings: edge lines all around, dashes between lanes.
-
-    `bays_m` (B, 2) holds the bays' middles along the ring and their sides.
+    their asphalt, the median and markings: edge lines all around, dashes between lanes. `bays_m` (B, 2) holds the bays'
+    middles along the ring and their sides.
     """
     draw, half = generator(seed, "highway layout", "ground"), MEDIAN_M / 2
     roads = [_strip(*span, *edges) for span in _spans() for edges in ((-PAVED_M, -half), (half, PAVED_M))]

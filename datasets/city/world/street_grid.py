@@ -30,9 +30,8 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """One street as it leaves a junction. Seen outwards, its lanes towards the junction are on the left.
-
-    Along it, distances count from where the drive lanes of the crossing street end.
+    """One street as it leaves a junction. Seen outwards, its lanes towards the junction are on the left. Along it,
+    distances count from where the drive lanes of the crossing street end.
     """
 
     node: Node
@@ -160,10 +159,9 @@ _JUNCTIONS = 4
 
 
 def draw_grid(seed: int) -> Grid:
-    """Draw a grid of `_JUNCTIONS` x `_JUNCTIONS` junctions, about the origin.
-
-    Border streets have one lane a direction, so that corners join equals; one or two inner streets are avenues. A
-    border street has its outer parking strip everywhere or nowhere, so that the kerb stays straight.
+    """Draw a grid of `_JUNCTIONS` x `_JUNCTIONS` junctions, about the origin. Border streets have one lane a direction,
+    so that corners join equals; one or two inner streets are avenues. A border street has its outer parking strip
+    everywhere or nowhere, so that the kerb stays straight.
     """
     draw, num = generator(seed, "urban layout", "grid"), _JUNCTIONS
     blocks = (draw.uniform(75, 110, num - 1) for _ in range(2))  # with some meters for the streets between them

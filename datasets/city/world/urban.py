@@ -48,10 +48,9 @@ class _Flow:
 
 
 def offsets_s(grid: Grid, phases: dict[Node, Phases], cycle_s: float) -> dict[Node, float]:
-    """Choose for each junction when its cycle begins, in whole seconds.
-
-    One junction after the other takes what makes those on its streets wait least, given all others, several times
-    over. The first guess is a wave to the east and north.
+    """Choose for each junction when its cycle begins, in whole seconds. One junction after the other takes what makes
+    those on its streets wait least, given all others, several times over. The first guess is a wave to the east and
+    north.
     """
     candidates, x, y = np.arange(int(cycle_s), dtype=np.float64), grid.x_m, grid.y_m
     offsets = {(i, j): float(np.round((x[i] - x[0] + y[j] - y[0]) / _MPS)) % cycle_s for i, j in grid.nodes}
