@@ -1,9 +1,10 @@
 """Placing of everybody at the beginning, and what drivers, riders and walkers are like."""
 
+from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 import numpy as np
 
@@ -14,22 +15,6 @@ from fbench.datasets.city.traffic.path_kernel import extend
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array
-
-
-@dataclass(frozen=True)
-class Driver:
-    """What one mover is like: fields of `MOVER` of the same names, which says what they mean."""
-
-    kind: int
-    factor: float
-    fastest_mps: float
-    headway_s: float
-    standing_gap_m: float
-    acceleration_mps2: float
-    braking_mps2: float
-    margin_m: float
-    keeps_right: bool = False
-    cycle_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,19 +45,18 @@ _STRIDE_M, _TALL_M, _PEDALS_M = 1.4, 1.75, 4.5
 """A cycle of two steps of a person this tall; what a turn of the pedals goes."""
 
 
-def draw_driver(label: str, height_m: float, spread: float, draw: np.random.Generator) -> Driver:
-    """Draw whoever moves a body."""
-    habits = HABITS[label]
-    walks, rides = label == "pedestrian", label == "bicycle"
+def draw_driver(me: np.void, body: Body, spread: float, draw: np.random.Generator) -> None:
+    """Draw whoever moves a body: what a mover of `MOVER` is like."""
+    habits, walks, rides = HABITS[body.label], body.label == "pedestrian", body.label == "bicycle"
+    me["length_m"], me["width_m"], height_m = body.size_lwh_m
     factor = float(np.clip(draw.normal(1.0, spread), 0.8, 1.2))
-    return Driver(
-        WALK if walks else BIKE if rides else DRIVE,
-        1.0 if walks or rides else factor,
-        float(draw.uniform(*habits.fastest_mps)), float(draw.uniform(*habits.headway_s)),
-        habits.standing_gap_m, float(draw.uniform(*habits.acceleration_mps2)), habits.braking_mps2, habits.margin_m,
-        label in ("truck", "bus"),
-        _STRIDE_M * height_m / _TALL_M if walks else _PEDALS_M if rides else 0.0,
-    )  # fmt: skip
+    me["kind"], me["factor"] = (WALK, 1.0) if walks else (BIKE, 1.0) if rides else (DRIVE, factor)
+    for name in ("fastest_mps", "headway_s", "acceleration_mps2"):
+        me[name] = draw.uniform(*getattr(habits, name))
+    for name in ("standing_gap_m", "braking_mps2", "margin_m"):
+        me[name] = getattr(habits, name)
+    me["keeps_right"] = body.label in ("truck", "bus")
+    me["cycle_m"] = _STRIDE_M * height_m / _TALL_M if walks else _PEDALS_M if rides else 0.0
 
 
 _TRIES, _LEAST_LANE_M = 300, 6.0
@@ -82,92 +66,66 @@ _FREE = {DRIVE: (6.0, 0.8), BIKE: (3.0, 0.5), WALK: (1.0, 0.5)}
 _LEAVING_MPS2 = 1.5  # One can brake so gently and stop at the end of the lane
 
 
-class Place(NamedTuple):
-    """A mover's beginning."""
-
-    lane: int
-    at_m: float
-    speed_mps: float
-
-
 def place_movers(net: Network, bodies: list[Body], spread: float, seed: int) -> tuple[list[Body], State]:
     """Place bodies on lanes of their kind, the longest first; who finds no place stays away. Returns those who have a
     place, in their order, and their state.
     """
-    drivers = [draw_driver(body.label, body.size_lwh_m[2], spread, generator(seed, "traffic", "driver", i))
-               for i, body in enumerate(bodies)]  # fmt: skip
-    draw = generator(seed, "traffic", "places")
-    found: dict[int, Place] = {}
-    taken: dict[int, list[tuple[float, float]]] = {}
+    movers, on = np.zeros(len(bodies), MOVER), np.full(len(bodies), -1)
+    for i, body in enumerate(bodies):
+        draw_driver(movers[i], body, spread, generator(seed, "traffic", "driver", i))
+    draw, taken = generator(seed, "traffic", "places"), defaultdict[int, list[tuple[float, float]]](list)
     for i in sorted(range(len(bodies)), key=lambda k: (-bodies[k].size_lwh_m[0], k)):
-        place = _place(net, bodies[i].size_lwh_m[0], drivers[i], taken, draw)
-        if place is not None:
-            found[i] = place
-            taken.setdefault(place.lane, []).append((place.at_m, bodies[i].size_lwh_m[0]))
-    keep = sorted(found)
-    state = _state(net, [bodies[i] for i in keep], [drivers[i] for i in keep], [found[i] for i in keep], seed)
-    return [bodies[i] for i in keep], state
+        on[i] = _place(net, movers[i], taken, draw)
+    keep = np.flatnonzero(on >= 0)
+    movers, on = movers[keep], on[keep]
+    draws = [generator(seed, "traffic", "ways", i) for i in range(len(keep))]
+    movers["base_m"] = [draw.uniform(0, 100) for draw in draws]
+    movers["right_to_m"] = movers["base_m"] + movers["at_m"] + movers["length_m"] / 2
+    movers["side_from_m"], movers["side_for_m"] = -1e9, 1.0
+    choices = np.array([draw.random(NUM_CHOICES) for draw in draws]).reshape(len(keep), NUM_CHOICES)
+    # Lanes behind each mover are the first that lead there, -1 where none does.
+    before = np.full(len(net.lanes), -1)
+    for lane in range(len(before) - 1, -1, -1):
+        before[_after(net, lane)] = lane
+    ways = np.full((len(keep), WINDOW), -1, np.int64)
+    ways[:, HERE] = on
+    for k in range(HERE, 0, -1):
+        ways[:, k - 1] = np.where(ways[:, k] >= 0, before[ways[:, k]], -1)
+    extend(net.lanes, net.nexts, movers, ways, choices)
+    return [bodies[i] for i in keep], State(movers, ways, choices, np.zeros(2, np.int64))
 
 
-def _place(
-    net: Network,
-    length_m: float,
-    driver: Driver,
-    taken: dict[int, list[tuple[float, float]]],
-    draw: np.random.Generator,
-) -> Place | None:
-    lanes = net.lanes
-    usable = (lanes["kind"] == driver.kind) & (lanes["longest_m"] >= length_m) & (lanes["length_m"] >= _LEAST_LANE_M)
-    if driver.keeps_right:
+def _place(net: Network, me: np.void, taken: dict[int, list[tuple[float, float]]], draw: np.random.Generator) -> int:
+    """Set where a mover begins, and how fast; return its lane, -1 for none. `taken` are places and lengths by lane."""
+    lanes, length_m = net.lanes, float(me["length_m"])
+    usable = (lanes["kind"] == me["kind"]) & (lanes["longest_m"] >= length_m) & (lanes["length_m"] >= _LEAST_LANE_M)
+    if me["keeps_right"]:
         usable &= lanes["right"] < 0
     room = np.where(usable, np.maximum(lanes["length_m"] - length_m - 2.0, 0.0), 0.0)
     if not room.sum():
-        return None
-    edges, (free_m, free_s) = np.cumsum(room), _FREE[driver.kind]
+        return -1
+    edges, (free_m, free_s) = np.cumsum(room), _FREE[int(me["kind"])]
     for _ in range(_TRIES):
         lane = int(np.searchsorted(edges, draw.random() * edges[-1], side="right"))
         at = 1.0 + length_m / 2 + float(draw.random()) * float(room[lane])
-        speed = _START * min(driver.fastest_mps, float(lanes["speed_mps"][lane]) * driver.factor)
+        speed = _START * float(min(me["fastest_mps"], lanes["speed_mps"][lane] * me["factor"]))
         after = _after(net, lane)
         if (lanes["gate_to"][after] > lanes["gate_from"][after]).any():  # one may have to stop at the lane's end
             left_m = lanes["length_m"][lane] - at - length_m / 2
             speed = min(speed, float(np.sqrt(2 * _LEAVING_MPS2 * left_m)))
-        apart = [abs(at - other) - (length_m + long) / 2 for other, long in taken.get(lane, [])]
+        apart = [abs(at - other) - (length_m + long) / 2 for other, long in taken[lane]]
         gates = net.gates[lanes["gate_from"][lane] : lanes["gate_to"][lane]]
         in_gate = (gates["from_m"] < at + length_m / 2 + 2.0) & (gates["to_m"] > at - length_m / 2 - 2.0)
         if min(apart, default=np.inf) >= free_m + free_s * speed and not in_gate.any():
-            return Place(lane, at, speed)
-    return None
+            me["at_m"], me["speed_mps"] = at, speed
+            taken[lane].append((at, length_m))
+            return lane
+    return -1
 
 
 def _after(net: Network, lane: int) -> Array:
     """Successors of a lane."""
     return np.asarray(net.nexts["lane"][net.lanes["next_from"][lane] : net.lanes["next_to"][lane]])
-
-
-def _state(net: Network, bodies: list[Body], drivers: list[Driver], places: list[Place], seed: int) -> State:
-    movers = np.zeros(len(bodies), MOVER)
-    draws = [generator(seed, "traffic", "ways", i) for i in range(len(bodies))]
-    for entry in fields(Driver):
-        movers[entry.name] = [getattr(driver, entry.name) for driver in drivers]
-    movers["length_m"] = [body.size_lwh_m[0] for body in bodies]
-    movers["width_m"] = [body.size_lwh_m[1] for body in bodies]
-    movers["at_m"], movers["speed_mps"] = [p.at_m for p in places], [p.speed_mps for p in places]
-    movers["base_m"] = [draw.uniform(0, 100) for draw in draws]
-    movers["right_to_m"] = movers["base_m"] + movers["at_m"] + movers["length_m"] / 2
-    movers["side_from_m"], movers["side_for_m"] = -1e9, 1.0
-    choices = np.array([draw.random(NUM_CHOICES) for draw in draws]).reshape(len(bodies), NUM_CHOICES)
-    # Lanes behind each mover are the first that lead there, -1 where none does.
-    before = np.full(len(net.lanes), -1)
-    for lane in range(len(before) - 1, -1, -1):
-        before[_after(net, lane)] = lane
-    ways = np.full((len(places), WINDOW), -1, np.int64)
-    for i, place in enumerate(places):
-        ways[i, HERE] = place.lane
-        for k in range(HERE, 0, -1):
-            ways[i, k - 1] = before[ways[i, k]] if ways[i, k] >= 0 else -1
-    extend(net.lanes, net.nexts, movers, ways, choices)
-    return State(movers, ways, choices, np.zeros(2, np.int64))
 
 
 _MOTOR = ("car", "van", "truck", "bus", "motorcycle")

@@ -20,28 +20,33 @@ from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array, Float64
 
+STEP_S: Final = 0.1
+_WARM_UP_STEPS: Final = 450  # Steps before the log begins, so that queues and gaps are as they always are
+_WALKERS: Final = 24  # Different pedestrians in a world: each has the meshes of a whole gait
+_EGO_LENGTH_M: Final = (4.3, 4.7)
 
-def decide(net: Network, state: State, sizes: Float64, step: int, step_s: float) -> None:
+
+def decide(net: Network, state: State, sizes: Float64, step: int) -> None:
     """Set what everybody does from step `step` to the next; `sizes` (N, 2) are lengths and widths."""
     taken = occupancy(net.path, net.lanes, state.movers, state.way)
-    lights, roads = lights_at(net, step * step_s), net.roads
+    lights, roads = lights_at(net, step * STEP_S), net.roads
     num_changed = change_lanes(roads, net.gates, state.movers, state.way, taken, step)
     if num_changed:
         extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
     take_back(net.lanes, lights, state.movers, state.way)
     held = holders(net.lanes, state.movers, state.way)
-    asking = asking_movers(net.roads, net.gates, lights, state.movers, state.way, taken, step_s)
+    asking = asking_movers(net.roads, net.gates, lights, state.movers, state.way, taken, STEP_S)
     give_rights(net.lanes, net.gates, net.conflicts, lights, state.movers, state.way, taken, held, asking)
     accelerate(roads, net.gates, lights, state.movers, state.way, taken)
-    now, then = poses_of(net, state, 0.0), poses_of(net, state, step_s)
+    now, then = poses_of(net, state, 0.0), poses_of(net, state, STEP_S)
     pairs = near_pairs(now, then, sizes, MARGIN_M)
     state.counters[CHANGE] += num_changed
     state.counters[EMERGENCY] += stop_before_touching(state.movers, now, then, sizes, pairs)
 
 
-def advance(net: Network, state: State, step_s: float) -> None:
+def advance(net: Network, state: State) -> None:
     """Do what was decided."""
-    move(net.lanes, state.movers, state.way, step_s)
+    move(net.lanes, state.movers, state.way, STEP_S)
     extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
 
 
@@ -58,7 +63,6 @@ class Motion:
     signals: SignalPlan
     states: tuple[State, ...]  # One for each step, as decided at its beginning
     first_step: int
-    step_s: float
     from_s: float
     to_s: float
     parked: Float64  # (K, 4) x, y, z, yaw
@@ -67,9 +71,9 @@ class Motion:
         """Return the bodies at a time from `from_s` to `to_s`. Raises ConfigError at another time."""
         if not self.from_s - 1e-9 <= time_s <= self.to_s + 1e-9:
             raise ConfigError(f"motion: expected a time from {self.from_s:g} to {self.to_s:g} s, got {time_s:g} s")
-        step = step_of(time_s, self.step_s)
+        step = step_of(time_s)
         state = self.states[min(max(step - self.first_step, 0), len(self.states) - 1)]
-        since = max(time_s - step * self.step_s, 0.0)
+        since = max(time_s - step * STEP_S, 0.0)
         moving, still, movers = poses_of(self.net, state, since), np.zeros(len(self.parked)), state.movers
         walks = movers["cycle_m"] > 0
         cycles = (movers["base_m"] + movers["at_m"] + moving[:, 8]) / np.where(walks, movers["cycle_m"], 1.0)
@@ -87,9 +91,9 @@ class Motion:
         )
 
 
-def step_of(time_s: float, step_s: float) -> int:
+def step_of(time_s: float) -> int:
     """The step in which a time is; borders belong to the step that begins there, give or take rounding."""
-    return int(np.floor(time_s / step_s + 1e-9))
+    return int(np.floor(time_s / STEP_S + 1e-9))
 
 
 _TRIAL_S, _START_S, _EVERY = 10.0, 5.0, 5
@@ -102,21 +106,21 @@ _FREE_M = 1.5  # Room before and behind, so that its body may be longer
 _LONGEST_M = 12.0
 
 
-def best_ego(net: Network, state: State, cars: Array, step: int, step_s: float) -> int:
+def best_ego(net: Network, state: State, cars: Array, step: int) -> int:
     """Choose among movers, after a trial of some seconds: who moves on, in company, and isn't far from the middle."""
     trial, sizes = _copy(state), sizes_of(state)
     motor = np.flatnonzero(state.movers["kind"] == DRIVE)
     here = poses_of(net, state, 0.0)
     company, speed, slowest = np.zeros(len(cars)), np.zeros(len(cars)), np.full(len(cars), np.inf)
-    num = int(_TRIAL_S / step_s)
+    num = int(_TRIAL_S / STEP_S)
     for k in range(num):
         if k % _EVERY == 0:
             company += np.minimum(_company(poses_of(net, trial, 0.0), cars, motor), _ENOUGH) * _EVERY / num
-        decide(net, trial, sizes, step + k, step_s)
+        decide(net, trial, sizes, step + k)
         v = trial.movers["speed_mps"][cars]
         speed += v / num
-        slowest = np.minimum(slowest, v) if k * step_s < _START_S else slowest
-        advance(net, trial, step_s)
+        slowest = np.minimum(slowest, v) if k * STEP_S < _START_S else slowest
+        advance(net, trial)
     limit = np.array([min(net.lanes["speed_mps"][state.way[i, HERE]], state.movers["fastest_mps"][i]) for i in cars])
     sees = _company(here, cars, motor, ahead_m=_AT_ONCE_M, behind_m=0.0) > 0
     score = company / _ENOUGH + np.minimum(speed / limit, 0.8) + 0.5 * sees + (slowest > _MOVING_MPS)
@@ -155,12 +159,6 @@ def _has_room(net: Network, state: State, cars: Array) -> Array:
         gap = state.movers["at_m"][i] - behind.max(initial=-np.inf) - _LONGEST_M
         room[row] = ahead > _FREE_M and gap > _FREE_M and sides[i] == 0
     return room
-
-
-STEP_S: Final = 0.1
-_WARM_UP_STEPS: Final = 450  # Steps before the log begins, so that queues and gaps are as they always are
-_WALKERS: Final = 24  # Different pedestrians in a world: each has the meshes of a whole gait
-_EGO_LENGTH_M: Final = (4.3, 4.7)
 
 
 class Traffic:
@@ -202,7 +200,7 @@ class Traffic:
         """Simulate up to `to_s` and return what happens from `from_s` on, which never goes back. Raises ConfigError
         where `from_s` is negative, after `to_s`, or before that of an earlier call.
         """
-        first, last = step_of(from_s, STEP_S), step_of(to_s, STEP_S)
+        first, last = step_of(from_s), step_of(to_s)
         oldest = self._step - len(self._steps)
         if not 0 <= from_s <= to_s or first < oldest:
             raise ConfigError(
@@ -214,20 +212,20 @@ class Traffic:
                 self._steps.append(state)
         self._steps = self._steps[len(self._steps) - (self._step - first) :]
         kept = tuple(self._steps[: last - first + 1])
-        return Motion(self._net, self._signals, kept, first, STEP_S, from_s, to_s, self._parked)
+        return Motion(self._net, self._signals, kept, first, from_s, to_s, self._parked)
 
     def _advance(self) -> State:
         """Do one step; return what was decided for it."""
-        decide(self._net, self._state, self._sizes, self._step, STEP_S)
+        decide(self._net, self._state, self._sizes, self._step)
         decided = self._state._replace(movers=self._state.movers.copy(), way=self._state.way.copy())
-        advance(self._net, self._state, STEP_S)
+        advance(self._net, self._state)
         self._step += 1
         return decided
 
     def _choose_ego(self, bodies: list[Body], seed: int) -> list[Body]:
         """Put one car first, with the ego's body."""
         cars = np.array([i for i, body in enumerate(bodies) if body.label == "car"], np.int64)
-        ego = best_ego(self._net, self._state, cars, self._step, STEP_S)
+        ego = best_ego(self._net, self._state, cars, self._step)
         order = np.array([ego, *(i for i in range(len(bodies)) if i != ego)])
         s = self._state
         self._state = State(s.movers[order], s.way[order], s.choices[order], np.zeros_like(s.counters))
