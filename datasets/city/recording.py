@@ -34,10 +34,6 @@ class City:
     caster: EmbreeCaster
     traffic: Traffic
 
-    def rewind(self) -> "City":
-        """Return the same city with its traffic at the beginning again."""
-        return replace(self, traffic=self.traffic.rewind())
-
 
 class Cities:
     """Keeps the last few cities: weathers of one scene share one, and a city takes seconds to build."""
@@ -52,7 +48,8 @@ class Cities:
             if len(self._kept) == _NUM_KEPT:
                 del self._kept[next(iter(self._kept))]
             self._kept[key] = build_city(layout(spec.world, spec.seed), *key)
-        return self._kept[key].rewind()
+        city = self._kept[key]
+        return replace(city, traffic=city.traffic.rewind())
 
 
 def build_city(plan: Layout, world: WorldName, is_dense: bool, seed: int) -> City:
