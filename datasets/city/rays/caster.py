@@ -93,7 +93,7 @@ def _cone(direction: Float32, block: Float64, first: int, end: int) -> float:
 
 
 @kernel
-def _touched(blocks: Blocks, body: Float64, box: Float64, range_m: float) -> Int64:
+def _reach_body(blocks: Blocks, body: Float64, box: Float64, range_m: float) -> Int64:
     """Return the blocks of which a ray can touch the sphere about a body's box, wherever that is meanwhile."""
     cos, sin = math.cos(body[3]), math.sin(body[3])
     middle_x = body[0] + cos * box[0] - sin * box[1]
@@ -125,7 +125,7 @@ def rays_at_body(
     coordinates at each ray's offset. `body` (8,) is its position, yaw, velocity and yaw rate; `box` (6,) middle and
     half size in its own coordinates.
     """
-    chosen = _touched(blocks, body, box, range_m)
+    chosen = _reach_body(blocks, body, box, range_m)
     rays = np.empty(len(chosen) * _MOST, np.int64)
     ray = np.empty((len(chosen) * _MOST, 6), np.float32)
     found, num_origins, num_offsets = 0, len(origin_m), len(offset_s)

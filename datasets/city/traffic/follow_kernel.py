@@ -166,7 +166,7 @@ def _better_side(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: i
     lanes, me = roads.lanes, movers[i]
     v = me["speed_mps"]
     gap, n = leader(roads, movers, way, taken, i, far(v))
-    now = _wanted(lanes[way[HERE]], me, loss_to_leader(movers, i, v, gap, n))
+    now = _acceleration_on(lanes[way[HERE]], me, loss_to_leader(movers, i, v, gap, n))
     best, best_gain = 0, _THRESHOLD_MPS2
     for side in (-1, 1):
         lane = neighbor(lanes[way[HERE]], side)
@@ -179,14 +179,14 @@ def _better_side(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: i
         if gap < me["standing_gap_m"] + 0.5 * v * me["headway_s"] or then > _SAFE_MPS2:
             continue
         loss = _loss_behind(roads.path, lanes, movers, way, taken, i, side)
-        gain = _wanted(lanes[lane], me, then) - now - _POLITENESS * loss - side * _BIAS_MPS2
+        gain = _acceleration_on(lanes[lane], me, then) - now - _POLITENESS * loss - side * _BIAS_MPS2
         if loss < _SAFE_MPS2 and gain > best_gain:
             best, best_gain = side, gain
     return best
 
 
 @kernel
-def _wanted(lane: np.void, me: np.void, less: float) -> float:
+def _acceleration_on(lane: np.void, me: np.void, less: float) -> float:
     """Acceleration on a lane, where whoever is ahead takes `less` away."""
     allowed = min(me["fastest_mps"], lane["speed_mps"] * me["factor"])
     return free_acceleration(me["speed_mps"], allowed, me["acceleration_mps2"], me["braking_mps2"]) - less

@@ -175,7 +175,7 @@ class Traffic:
         while self._step < 0:
             self._advance()
         bodies = self._choose_ego(bodies, seed)
-        parked, self._parked = _parked(layout.map, params, seed)
+        parked, self._parked = _park_vehicles(layout.map, params, seed)
         self.actors: tuple[Actor, ...] = (*map(Actor, bodies), *(Actor(body, parked=True) for body in parked))
         """The ego car, other moving vehicles, bicycles, pedestrians, parked vehicles."""
         self._begin = _copy(self._state)
@@ -273,7 +273,7 @@ def _body(kind: str, longest_m: float, seed: int, i: int) -> Body:
     raise ConfigError(f"traffic: each {kind} is longer than {longest_m:g} m; raise longest_m or change mix")
 
 
-def _parked(city_map: CityMap, params: TrafficParams, seed: int) -> tuple[list[Body], Float64]:
+def _park_vehicles(city_map: CityMap, params: TrafficParams, seed: int) -> tuple[list[Body], Float64]:
     """Bodies that stand in places to park, and their x, y, z, yaw (K, 4)."""
     draw, bodies, at = generator(seed, "traffic", "parked"), [], []
     for row, place in enumerate(city_map.parkings):
