@@ -140,7 +140,7 @@ class CityRecording:
     def info(self) -> LogInfo:
         """Name, id, and what the log is made from."""
         regions = regions_text([Region(p.kind, p.points_m) for p in self._plan.map.polygons])
-        # Who drives where, and of whom truth tells: weather, light and sensors play no part in the scene.
+        # Who drives where, and who is in the truth: weather, light and sensors play no part in the scene.
         spec, traffic = self.spec, "dense" if self.spec.condition.is_dense else "normal"
         length = f"{float(spec.seconds)!r} s, truth within {float(spec.truth_range_m)!r} m"
         scene = f"fbench city {VERSION}, {spec.world}, {traffic} traffic, seed {spec.seed}, {length}"

@@ -31,7 +31,7 @@ def mirror_samples(
     caster: EmbreeCaster, states: BodyStates, samples: Samples, width: int
 ) -> tuple[Samples, Int64] | None:
     """Return what every other wet pixel of every other row of an image mirrors, and which pixels (M,); or nothing. It
-    is told as if it were seen from the camera through the ground.
+    is given as if it were seen from the camera through the ground.
     """
     origin = samples.rays.origin_m[0]
     index, start, direction = _reflect(samples.arrays, origin, WETTABLE, width)
@@ -154,8 +154,8 @@ def jitter(uv: Float32, pixels: Int64, width: int) -> Float32:
 
 @kernel
 def _edges(hits: HitArrays, linear: Float32, width: int) -> Bool:
-    """Tell which pixels (N,) don't show the same surface, in the same light, as a neighbor below, above or beside, and
-    differ from it in their light (N, 3) so that one can see it.
+    """Return which pixels (N,) don't show the same surface, in the same light, as a neighbor below, above or beside,
+    and differ from it in their light (N, 3) so that one can see it.
     """
     body, triangle, material, lit = hits.body, hits.triangle, hits.material, hits.lit
     range_m, normal, direction = hits.range_m, hits.normal, hits.direction
@@ -172,7 +172,7 @@ def _edges(hits: HitArrays, linear: Float32, width: int) -> Bool:
 
 @kernel
 def _bends(range_m: Array, normal: Array, direction: Array, i: int, j: int) -> bool:
-    """Tell whether two hits don't lie in one plane."""
+    """Return whether two hits don't lie in one plane."""
     turn, apart = 0.0, 0.0
     for axis in range(3):
         turn += normal[i, axis] * normal[j, axis]

@@ -23,11 +23,11 @@ def find_sunlit(
     caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int,
     first: tuple[Hits, Bool, Int64] | None = None,
 ) -> Bool:  # fmt: skip
-    """Tell on which of the pixels (N,) of a whole image, row by row, the sun shines. Every other pixel is asked, like
+    """Return on which of the pixels (N,) of a whole image, row by row, the sun shines. Every other pixel is asked, like
     the white fields of a chessboard, and those between whose neighbors on the same triangle don't agree: what is missed
     is smaller than a pixel.
 
-    With `first`, the hits of the image and where the sun shines on them, tell it of further rays, as many of each of
+    With `first`, the hits of the image and where the sun shines on them, return it of further rays, as many of each of
     its pixels (E,): what lies on the same triangle as pixels around, all in the same light, has it too.
     """
     lit = np.zeros(len(hits.body), bool)

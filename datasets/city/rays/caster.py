@@ -160,7 +160,7 @@ def _start(origin_m: Float64, body: Float64, offset_s: float) -> tuple[float, fl
 
 @kernel
 def _meets_sphere(x: float, y: float, z: float, u: float, v: float, w: float, box: Float64) -> bool:
-    """Tell whether a ray from (x, y, z) along (u, v, w) meets the sphere about 0."""
+    """Return whether a ray from (x, y, z) along (u, v, w) meets the sphere about 0."""
     along, beyond = x * u + y * v + z * w, (x * x + y * y + z * z) * (1 - _SLACK)
     beyond -= box[3] * box[3] + box[4] * box[4] + box[5] * box[5]
     return beyond <= 0 or (along < 0 and along * along >= beyond)
@@ -168,7 +168,7 @@ def _meets_sphere(x: float, y: float, z: float, u: float, v: float, w: float, bo
 
 @kernel
 def _meets_box(x: float, y: float, z: float, u: float, v: float, w: float, box: Float64, range_m: float) -> bool:
-    """Tell whether it passes through the box about 0 within its range."""
+    """Return whether it passes through the box about 0 within its range."""
     enters, leaves = _within(x, u, box[3], 0.0, range_m)
     enters, leaves = _within(y, v, box[4], enters, leaves)
     enters, leaves = _within(z, w, box[5], enters, leaves)
@@ -271,7 +271,7 @@ class EmbreeCaster:
         return Hits(range_m, body, triangle, normal, tuple(alone))
 
     def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
-        """Tell of which rays (N,) something is in the way within their range: shadows."""
+        """Return of which rays (N,) something is in the way within their range: shadows."""
         blocked = self._world.blocks(rays.origin_m, rays.direction, rays.range_m)
         free = np.flatnonzero(~blocked)
         origin = rays.origin_m if len(rays.origin_m) == 1 else rays.origin_m[free]

@@ -41,7 +41,7 @@ class Scene:
         return found["tfar"], found["primID"]
 
     def blocks(self, origin_m: Array, direction: Float32, range_m: float) -> Bool:
-        """Tell of which rays (N,) the mesh is in the way within `range_m`."""
+        """Return of which rays (N,) the mesh is in the way within `range_m`."""
         limits = np.full(len(direction), min(range_m, _FARTHEST_M), np.float32)
         return np.asarray(self._scene.run(_spread(origin_m, direction), direction, dists=limits, query="OCCLUDED") == 0)
 

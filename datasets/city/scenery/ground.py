@@ -31,7 +31,7 @@ def surface(points_m: Float64) -> tuple[Float64, Array]:
 
 
 def is_convex(points_m: Float64) -> Bool:
-    """Tell of outlines (..., P, 2), counter-clockwise, which are convex, with no point on a straight line."""
+    """Return which outlines (..., P, 2), counter-clockwise, are convex, with no point on a straight line."""
     before, after = np.roll(points_m, 1, axis=-2), np.roll(points_m, -1, axis=-2)
     return np.asarray((_cross(before, points_m, after) > _STRAIGHT_M**2).all(axis=-1))
 

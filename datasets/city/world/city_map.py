@@ -46,11 +46,11 @@ class SignalPlan:
         return len(self.green_from_s)
 
     def is_green(self, time_s: float) -> Bool:
-        """Tell of every group (G,) whether it is green."""
+        """Return of every group (G,) whether it is green."""
         return np.asarray((time_s - self.green_from_s) % self.cycle_s < self.green_s)
 
     def is_yellow(self, time_s: float) -> Bool:
-        """Tell of every group (G,) whether it has just been green."""
+        """Return of every group (G,) whether it has just been green."""
         since: Array = (time_s - self.green_from_s) % self.cycle_s
         return np.asarray((since >= self.green_s) & (since < self.green_s + self.yellow_s))
 
