@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,54 +10,40 @@ from common import best_s
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from fbench.datasets.city.instant import EGO, BodyStates, Hits, RayCaster, Rays
+from fbench.datasets.city.instant import EGO, BodyStates, Hits, Rays
 from fbench.datasets.city.measure import Slot, Surroundings, measure
-from fbench.datasets.city.mesh import Actor, Mesh, merge_meshes, move_mesh
+from fbench.datasets.city.mesh import merge_meshes, move_mesh
+from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.recording import CityRecording, build_city
 from fbench.datasets.city.request import SEEDS
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec
 from fbench.datasets.city.world.urban import layout
 from fbench.replay.conditions.weather import Weather
-from fbench.replay.data.arrays import Array, Bool, Float32
+from fbench.replay.data.arrays import Bool
 
 RIG = thesis_rig()
 SEED, AT_S, REPEAT = SEEDS["dev"][0], 1.0, 5
 LOG_SECONDS = 4.0
 
 
-@dataclass
-class Watched:
+class Watched(EmbreeCaster):
     """A caster that keeps the rays that pass through it."""
 
-    caster: RayCaster
-    nearest: list[Rays] = field(default_factory=list)
-    shadows: list[Rays] = field(default_factory=list)
-
-    @property
-    def static(self) -> Mesh:
-        return self.caster.static
-
-    @property
-    def actors(self) -> tuple[Actor, ...]:
-        return self.caster.actors
+    def __init__(self, caster: EmbreeCaster) -> None:
+        self.__dict__.update(caster.__dict__)
+        self.nearest, self.shadows = list[Rays](), list[Rays]()
 
     def cast(self, rays: Rays, states: BodyStates) -> Hits:
         self.nearest.append(rays)
-        return self.caster.cast(rays, states)
+        return super().cast(rays, states)
 
     def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
         self.shadows.append(rays)
-        return self.caster.is_blocked(rays, states)
-
-    def material(self, hits: Hits, states: BodyStates) -> Array:
-        return self.caster.material(hits, states)
-
-    def smooth_normals(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
-        return self.caster.smooth_normals(rays, hits, states)
+        return super().is_blocked(rays, states)
 
 
-def one_scene(caster: RayCaster, states: BodyStates) -> EmbreeScene:
+def one_scene(caster: EmbreeCaster, states: BodyStates) -> EmbreeScene:
     """All that stands and all bodies but the ego vehicle, where they are, in one mesh."""
     bodies = [(i, actor.body) for i, actor in enumerate(caster.actors) if i != EGO]
     meshes = [

@@ -1,15 +1,10 @@
 """The world at one instant: poses of all bodies (x east, y north, z up), and rays with what they hit."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from fbench.datasets.city.mesh import Actor, Mesh
-from fbench.replay.conditions.generators import generator
-from fbench.replay.conditions.weather import Weather
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64, freeze_fields
-from fbench.replay.geometry.transforms import chain
 
 EGO = 0  # Index of the vehicle that carries the sensors; all others are track ids too
 BRAKE, HEAD, TAIL = 0, 1, 2  # Lamps of bodies (`Mesh.lamp`): brake lights shine while braking, the others by night
@@ -48,14 +43,6 @@ def world_T(position_m: Array, yaw_rad: float) -> Float64:
     return matrix
 
 
-class Motion(Protocol):
-    """What is known of all bodies over some time; never changes, so threads can share it."""
-
-    def at(self, time_s: float) -> BodyStates:
-        """Return the bodies at a time within `from_s` and `to_s` of `Traffic.motion`."""
-        ...
-
-
 STATIC, MISS = -1, -2  # What a ray hit that hit no actor: the static world, or nothing within its range
 
 
@@ -88,59 +75,3 @@ class Hits:
     alone: tuple[tuple[int, Int64], ...]
     """For every actor that a ray would hit if it were alone in the world: its index and those of these rays, both
     ascending. The share of them that `body` confirms is what is visible of it."""
-
-
-class RayCaster(Protocol):
-    """The world at any instant, as rays see it. Never changes, so threads can share it."""
-
-    @property
-    def static(self) -> Mesh:
-        """All that never moves."""
-        ...
-
-    @property
-    def actors(self) -> tuple[Actor, ...]:
-        """All bodies; the first, the ego vehicle, is never hit."""
-        ...
-
-    def cast(self, rays: Rays, states: BodyStates) -> Hits:
-        """Follow rays to the first surface."""
-        ...
-
-    def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
-        """Tell of which rays (N,) something is in the way within their range: shadows."""
-        ...
-
-    def material(self, hits: Hits, states: BodyStates) -> Array:
-        """Indices (N,) uint8 into `MATERIALS` of what was hit; 255 where nothing was."""
-        ...
-
-    def smooth_normals(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
-        """Normals (N, 3) like `Hits.normal`, as if bodies were round where their triangles meet at small angles: for
-        shading. All rays have one origin and no offset.
-        """
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Instant:
-    """The world around one sensor when it measures; what it is like itself is said by its spec."""
-
-    caster: RayCaster
-    states: BodyStates  # Of all bodies at `stamp_ns`
-    weather: Weather
-    street_lamps_m: Float64  # (L, 3) in the world
-    seed: int  # Of all chances
-    sensor: str  # Its name
-    body_T_sensor: Float64  # (4, 4) its mount on the ego vehicle
-    stamp_ns: int
-    log_ns: int  # When the message arrives
-
-    @property
-    def world_T_sensor(self) -> Float64:
-        """Pose (4, 4) of the sensor in the world."""
-        return chain(self.states.world_T_body(EGO), self.body_T_sensor)
-
-    def generator(self, what: str, *scope: str) -> np.random.Generator:
-        """Return the random numbers for `what` in the sensor's one message."""
-        return generator(self.seed, what, self.sensor, self.stamp_ns, *scope)

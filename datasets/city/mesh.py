@@ -1,12 +1,15 @@
 """Triangles with materials and colors, simple shapes, quadrilaterals on walls, and bodies that take part."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fbench.replay.data.arrays import Array, Float32, Float64, freeze_fields
 from fbench.replay.geometry.transforms import transform
+
+Three = tuple[float, float, float]
+Rgb = Three  # Linear red, green, blue, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -78,29 +81,28 @@ class Mesh:
         return len(self.triangles)
 
 
+_NONE = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8),
+             np.zeros((0, 3), np.float32), np.zeros(0, np.int32))  # fmt: skip
+
+
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Join meshes into one, in their order."""
-    if not meshes:
-        return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8),
-                    np.zeros((0, 3), np.float32), np.zeros(0, np.int32))  # fmt: skip
-    starts = np.cumsum([0, *(len(m.vertices_m) for m in meshes[:-1])])
-    return Mesh(
-        np.concatenate([m.vertices_m for m in meshes]),
-        np.concatenate([m.triangles + np.int32(start) for m, start in zip(meshes, starts, strict=True)]),
-        np.concatenate([m.material for m in meshes]),
-        np.concatenate([m.color for m in meshes]),
-        np.concatenate([m.lamp for m in meshes]),
-    )
+    every = [_NONE, *meshes]
+    starts = np.cumsum([0, *(len(m.vertices_m) for m in every[:-1])])
+    triangles = np.concatenate([m.triangles + np.int32(start) for m, start in zip(every, starts, strict=True)])
+    names = ("vertices_m", "material", "color", "lamp")
+    vertices, *looks = (np.concatenate([getattr(m, name) for m in every]) for name in names)
+    return Mesh(vertices, triangles, *looks)
 
 
 def move_mesh(mesh: Mesh, dst_T_src: Float64) -> Mesh:
     """Move a mesh by a rigid transform (4, 4)."""
-    vertices = transform(dst_T_src, mesh.vertices_m).astype(np.float32)
-    return Mesh(vertices, mesh.triangles, mesh.material, mesh.color, mesh.lamp)
+    return replace(mesh, vertices_m=transform(dst_T_src, mesh.vertices_m).astype(np.float32))
 
 
-Rgb = tuple[float, float, float]  # Linear red, green, blue, 0 to 1
-Three = tuple[float, float, float]
+def shift(mesh: Mesh, by_m: Three) -> Mesh:
+    """Move a mesh without turning it."""
+    return replace(mesh, vertices_m=mesh.vertices_m + np.asarray(by_m, np.float32))
 
 
 @dataclass(frozen=True)
@@ -114,14 +116,10 @@ class Skin:
 
 def mesh(vertices_m: Array, triangles: Array, skin: Skin) -> Mesh:
     """Return a mesh of one skin from vertices (V, 3) and triangles (T, 3), counter-clockwise from outside."""
-    num = len(triangles)
-    return Mesh(
-        np.asarray(vertices_m, np.float32),
-        np.asarray(triangles, np.int32),
-        np.full(num, INDEX[skin.material], np.uint8),
-        np.tile(np.asarray(skin.color, np.float32), (num, 1)),
-        np.full(num, skin.lamp, np.int32),
-    )
+    num, color = len(triangles), np.asarray(skin.color, np.float32)
+    material, lamp = np.full(num, INDEX[skin.material], np.uint8), np.full(num, skin.lamp, np.int32)
+    vertices, corners = np.asarray(vertices_m, np.float32), np.asarray(triangles, np.int32)
+    return Mesh(vertices, corners, material, np.tile(color, (num, 1)), lamp)
 
 
 def quad(corners_m: Array, skin: Skin) -> Mesh:
@@ -148,37 +146,27 @@ def cylinder(
 ) -> Mesh:
     """Return a closed cylinder, or a cone where the radius at its end is another."""
     a, b = np.asarray(start_m, np.float64), np.asarray(end_m, np.float64)
-    u, v = _across(b - a)
+    axis = b - a
+    axis = axis / np.sqrt((axis * axis).sum())
+    u = np.cross([0.0, 0, 1] if abs(axis[2]) < 0.9 else [1.0, 0, 0], axis)
+    u = u / np.sqrt((u * u).sum())
     angle = np.arange(num_sides) * (2 * np.pi / num_sides)
-    ring = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
+    ring = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(axis, u)
     return loft([a + radius_m * ring, b + (radius_m if end_radius_m < 0 else end_radius_m) * ring], skin)
 
 
 def loft(sections_m: Sequence[Float64], skin: Skin, closed: bool = True) -> Mesh:
     """Join convex rings of P points each, (P, 3), one after the other; both ends are closed unless `closed` is false.
-
     Seen along the way from the first ring to the last, points run clockwise: from its end, counter-clockwise.
     """
     num, last = len(sections_m[0]), len(sections_m) - 1
     i = np.arange(num)
     j = (i + 1) % num
-    sides = [_band(i + k * num, j + k * num, num) for k in range(last)]
+    band = np.concatenate([np.column_stack([i, j, j + num]), np.column_stack([i, j + num, i + num])])
+    sides = [band + k * num for k in range(last)]
     fan = np.column_stack([np.zeros(num - 2, int), np.arange(1, num - 1), np.arange(2, num)])
     ends = [fan[:, ::-1], fan + last * num] if closed else []
     return mesh(np.concatenate(sections_m), np.concatenate([*sides, *ends]), skin)
-
-
-def _band(i: Array, j: Array, num: int) -> Array:
-    return np.concatenate([np.column_stack([i, j, j + num]), np.column_stack([i, j + num, i + num])])
-
-
-def _across(axis: Float64) -> tuple[Float64, Float64]:
-    """Two unit vectors across an axis, which they follow right-handed."""
-    axis = axis / np.sqrt((axis * axis).sum())
-    start = np.array([0.0, 0, 1]) if abs(axis[2]) < 0.9 else np.array([1.0, 0, 0])
-    u = np.cross(start, axis)
-    u = u / np.sqrt((u * u).sum())
-    return u, np.cross(axis, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,110 +193,7 @@ class Actor:
     parked: bool = False
 
 
-Number = float | Array  # One for all quadrilaterals, or one each
-
-
-@dataclass(frozen=True, eq=False)
-class Quads:
-    """Q quadrilaterals, counter-clockwise from outside. Never checked: there are very many of them."""
-
-    corners_m: Float64  # (Q, 4, 3)
-    material: Array  # (Q,) uint8
-    color: Float32  # (Q, 3)
-
-    def __len__(self) -> int:
-        return len(self.corners_m)
-
-
-def upright(u0: Number, u1: Number, v0: Number, v1: Number, d: Number, skin: Skin) -> Quads:
-    """Return rectangles that look outwards."""
-    return _quads([(u0, v0, d), (u1, v0, d), (u1, v1, d), (u0, v1, d)], skin)
-
-
-def above(u0: Number, u1: Number, d0: Number, d1: Number, v: Number, skin: Skin) -> Quads:
-    """Return rectangles that look up."""
-    return _quads([(u0, v, d1), (u1, v, d1), (u1, v, d0), (u0, v, d0)], skin)
-
-
-def below(u0: Number, u1: Number, d0: Number, d1: Number, v: Number, skin: Skin) -> Quads:
-    """Return rectangles that look down."""
-    return _quads([(u0, v, d0), (u1, v, d0), (u1, v, d1), (u0, v, d1)], skin)
-
-
-def rightward(v0: Number, v1: Number, d0: Number, d1: Number, u: Number, skin: Skin) -> Quads:
-    """Return rectangles that look to the right."""
-    return _quads([(u, v0, d1), (u, v0, d0), (u, v1, d0), (u, v1, d1)], skin)
-
-
-def leftward(v0: Number, v1: Number, d0: Number, d1: Number, u: Number, skin: Skin) -> Quads:
-    """Return rectangles that look to the left."""
-    return _quads([(u, v0, d0), (u, v0, d1), (u, v1, d1), (u, v1, d0)], skin)
-
-
-def blocks(
-    u0: Number, u1: Number, v0: Number, v1: Number, d0: Number, d1: Number, skin: Skin, back: bool = True
-) -> Quads:
-    """Return boxes; without `back`, their sides towards the wall are left out."""
-    sides = [
-        upright(u0, u1, v0, v1, d1, skin),
-        above(u0, u1, d0, d1, v1, skin),
-        below(u0, u1, d0, d1, v0, skin),
-        rightward(v0, v1, d0, d1, u1, skin),
-        leftward(v0, v1, d0, d1, u0, skin),
-    ]
-    if back:
-        sides.append(_quads([(u1, v0, d0), (u0, v0, d0), (u0, v1, d0), (u1, v1, d0)], skin))
-    return join_quads(sides)
-
-
-def join_quads(parts: Sequence[Quads]) -> Quads:
-    """Join quadrilaterals, in their order."""
-    return Quads(
-        np.concatenate([np.zeros((0, 4, 3)), *(p.corners_m for p in parts)]),
-        np.concatenate([np.zeros(0, np.uint8), *(p.material for p in parts)]),
-        np.concatenate([np.zeros((0, 3), np.float32), *(p.color for p in parts)]),
-    )
-
-
-def paint_quads(quads: Quads, color: Array) -> Quads:
-    """Give quadrilaterals a color each, (Q, 3)."""
-    return Quads(quads.corners_m, quads.material, np.asarray(color, np.float32))
-
-
-def on_wall(quads: Quads, foot_m: tuple[float, float, float], yaw_rad: float) -> Quads:
-    """Put quadrilaterals on the wall that stands on `foot_m` (its u = v = d = 0) and looks towards `yaw_rad`."""
-    cos, sin = float(np.cos(yaw_rad)), float(np.sin(yaw_rad))
-    u, v, d = (quads.corners_m[..., i] for i in range(3))
-    corners = np.stack([d * cos - u * sin, d * sin + u * cos, v], axis=-1) + np.asarray(foot_m)
-    return Quads(corners, quads.material, quads.color)
-
-
-def quads_mesh(quads: Quads) -> Mesh:
-    """Turn quadrilaterals into a mesh."""
-    first = np.arange(len(quads), dtype=np.int32)[:, None, None] * 4
-    triangles = (first + np.array([[0, 1, 2], [0, 2, 3]], np.int32)).reshape(-1, 3)
-    return Mesh(
-        quads.corners_m.reshape(-1, 3).astype(np.float32),
-        triangles.astype(np.int32),
-        np.repeat(quads.material, 2),
-        np.repeat(quads.color, 2, axis=0),
-        np.full(len(triangles), -1, np.int32),
-    )
-
-
 def scale_color(color: Rgb, factor: float) -> Rgb:
     """Make a color darker or lighter."""
     r, g, b = (min(1.0, c * factor) for c in color)
     return r, g, b
-
-
-def _quads(corners: Sequence[tuple[Number, Number, Number]], skin: Skin) -> Quads:
-    sizes = {x.size for corner in corners for x in corner if isinstance(x, np.ndarray)}
-    num = 1 if not sizes else 0 if 0 in sizes else max(sizes)
-    points = np.empty((num, len(corners), 3))
-    for i, corner in enumerate(corners):
-        for k in range(3):
-            points[:, i, k] = corner[k]
-    color = np.empty((num, 3), np.float32)
-    color[:] = skin.color
-    return Quads(points, np.full(num, INDEX[skin.material], np.uint8), color)

@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from fbench.datasets.city.instant import EGO, BodyStates, Motion, RayCaster
+from fbench.datasets.city.instant import EGO, BodyStates
 from fbench.datasets.city.measure import Measured, Plan, Slot, Surroundings, measure, plans, time_s, truth_at
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.scenery.scenery import scenery
 from fbench.datasets.city.spec import VERSION, CitySpec, WorldName
 from fbench.datasets.city.traffic.placing import TrafficParams
-from fbench.datasets.city.traffic.traffic import Traffic
+from fbench.datasets.city.traffic.traffic import Motion, Traffic
 from fbench.datasets.city.world.city_map import Layout
 from fbench.datasets.city.world.urban import layout
 from fbench.replay.data.messages import Message, Pose, Truth
@@ -31,12 +31,8 @@ class City:
     """A world and the traffic that goes on in it."""
 
     layout: Layout
-    caster: RayCaster
+    caster: EmbreeCaster
     traffic: Traffic
-
-    def rewind(self) -> "City":
-        """Return the same city with its traffic at the beginning again."""
-        return replace(self, traffic=self.traffic.rewind())
 
 
 class Cities:
@@ -52,7 +48,8 @@ class Cities:
             if len(self._kept) == _NUM_KEPT:
                 del self._kept[next(iter(self._kept))]
             self._kept[key] = build_city(layout(spec.world, spec.seed), *key)
-        return self._kept[key].rewind()
+        city = self._kept[key]
+        return replace(city, traffic=city.traffic.rewind())
 
 
 def build_city(plan: Layout, world: WorldName, is_dense: bool, seed: int) -> City:
@@ -79,7 +76,7 @@ class Period:
 class _PeriodUnderWay:
     plan: Plan
     states: BodyStates
-    futures: tuple[Future[Measured], ...]
+    futures: list[Future[Measured]]
     poses: tuple[Pose, ...]
 
 
@@ -89,7 +86,13 @@ def periods(spec: CitySpec, city: City, around: Surroundings, num_threads: int) 
     with ThreadPoolExecutor(num_threads, "fbench-city") as pool:
         try:
             for plan in plans(spec.rig, spec.seconds, spec.seed):
-                waiting.append(_begin(plan, spec, city, around, pool))
+                motion = city.traffic.motion(time_s(plan.from_ns), time_s(plan.to_ns))
+                futures = [
+                    pool.submit(measure, around, motion.at(time_s(slot.stamp_ns)), spec.rig.specs[slot.sensor], slot)
+                    for slot in plan.slots if not slot.is_lost
+                ]  # fmt: skip
+                poses = tuple(_pose(motion, slot) for slot in plan.poses)
+                waiting.append(_PeriodUnderWay(plan, motion.at(time_s(plan.stamp_ns)), futures, poses))
                 if len(waiting) > _AHEAD:
                     yield _finish(waiting.popleft(), city, spec)
             while waiting:
@@ -98,33 +101,19 @@ def periods(spec: CitySpec, city: City, around: Surroundings, num_threads: int) 
             pool.shutdown(cancel_futures=True)
 
 
-def _begin(plan: Plan, spec: CitySpec, city: City, around: Surroundings, pool: ThreadPoolExecutor) -> _PeriodUnderWay:
-    motion = city.traffic.motion(time_s(plan.from_ns), time_s(plan.to_ns))
-    futures = []
-    for slot in plan.slots:
-        if not slot.is_lost:
-            states = motion.at(time_s(slot.stamp_ns))
-            futures.append(pool.submit(measure, around, states, spec.rig.specs[slot.sensor], slot))
-    poses = tuple(_pose(motion, slot) for slot in plan.poses)
-    return _PeriodUnderWay(plan, motion.at(time_s(plan.stamp_ns)), tuple(futures), poses)
-
-
 def _finish(period: _PeriodUnderWay, city: City, spec: CitySpec) -> Period:
-    plan = period.plan
+    plan, nearest = period.plan, dict[str, Measured]()
     measured = tuple(future.result() for future in period.futures)
-    truth = truth_at(city.caster, period.states, plan.stamp_ns, _nearest(measured, plan.stamp_ns), spec.truth_range_m)
-    return Period(plan.from_ns, measured, period.poses, truth, sum(slot.is_lost for slot in plan.slots))
 
+    def far_ns(one: Measured) -> int:
+        return abs(one.message.stamp_ns - plan.stamp_ns)
 
-def _nearest(measured: tuple[Measured, ...], stamp_ns: int) -> list[Measured]:
-    """Of each sensor the message nearest to an instant, the earlier one of two."""
-    best: dict[str, Measured] = {}
-    for one in measured:
+    for one in measured:  # of each sensor the nearest to the instant, the earlier one of two
         name = one.message.sensor
-        far_ns = abs(one.message.stamp_ns - stamp_ns)
-        if name not in best or far_ns < abs(best[name].message.stamp_ns - stamp_ns):
-            best[name] = one
-    return list(best.values())
+        if name not in nearest or far_ns(one) < far_ns(nearest[name]):
+            nearest[name] = one
+    truth = truth_at(city.caster, period.states, plan.stamp_ns, list(nearest.values()), spec.truth_range_m)
+    return Period(plan.from_ns, measured, period.poses, truth, sum(slot.is_lost for slot in plan.slots))
 
 
 def _pose(motion: Motion, slot: Slot) -> Pose:
@@ -136,9 +125,8 @@ def _pose(motion: Motion, slot: Slot) -> Pose:
 
 @dataclass(eq=False)
 class CityRecording:
-    """One simulated log; implements `fbench.replay.contracts.protocols.Recording`.
-
-    The same spec gives the same items in any process, with any number of threads.
+    """One simulated log; implements `fbench.replay.contracts.protocols.Recording`. The same spec gives the same items
+    in any process, with any number of threads.
     """
 
     spec: CitySpec
@@ -152,8 +140,11 @@ class CityRecording:
     def info(self) -> LogInfo:
         """Name, id, and what the log is made from."""
         regions = regions_text([Region(p.kind, p.points_m) for p in self._plan.map.polygons])
-        metadata = {**self.spec.metadata, SCENE_ID: _scene_id(self.spec), REGIONS: regions}
-        return LogInfo(self.name, self.spec.log_id, metadata)
+        # Who drives where, and who is in the truth: weather, light and sensors play no part in the scene.
+        spec, traffic = self.spec, "dense" if self.spec.condition.is_dense else "normal"
+        length = f"{float(spec.seconds)!r} s, truth within {float(spec.truth_range_m)!r} m"
+        scene = f"fbench city {VERSION}, {spec.world}, {traffic} traffic, seed {spec.seed}, {length}"
+        return LogInfo(self.name, spec.log_id, {**spec.metadata, SCENE_ID: scene, REGIONS: regions})
 
     @cached_property
     def rig(self) -> Rig:
@@ -173,27 +164,27 @@ class CityRecording:
         city = self.cities.of(spec)
         around = Surroundings(city.caster, self._plan.map.street_lamps_m, spec.condition.weather, spec.seed, self.rig)
         counts: Counter[str] = Counter()
-        yield from _sort_messages(periods(spec, city, around, self.num_threads or len(os.sched_getaffinity(0))), counts)
-        self._lines = [*self._head(), _world_line(city), *_count_lines(spec, counts)]
+        found = periods(spec, city, around, self.num_threads or len(os.sched_getaffinity(0)))
+        yield from _sort_messages(found, counts)
+        labels = Counter(actor.body.label for actor in city.caster.actors[1:])
+        lost = f" ({counts['lost messages']} lost)" if counts["lost messages"] else ""
+        images = f", {counts['2d boxes']} in images" if spec.rig.cameras else ""
+        self._lines = [
+            *self.summary()[:1],
+            f"world: {', '.join(f'{label} {num}' for label, num in sorted(labels.items()))}",
+            f"messages: {', '.join(f'{name} {counts[name]}' for name in spec.rig.names)}{lost}",
+            f"truth: {counts['3d boxes']} boxes at {counts['instants']} instants{images}",
+        ]
 
     def summary(self) -> Sequence[str]:
         """Lines that say what was simulated."""
-        return self._lines or self._head()
-
-    def _head(self) -> list[str]:
         spec = self.spec
-        return [f"simulated: {spec.seconds:g} s, {spec.world}, {spec.condition.name}, seed {spec.seed}"]
+        head = f"simulated: {spec.seconds:g} s, {spec.world}, {spec.condition.name}, seed {spec.seed}"
+        return self._lines or [head]
 
     @cached_property
     def _plan(self) -> Layout:
         return layout(self.spec.world, self.spec.seed)
-
-
-def _scene_id(spec: CitySpec) -> str:
-    """Who drives where, and of whom truth tells; weather, light and sensors play no part in it."""
-    traffic = "dense" if spec.condition.is_dense else "normal"
-    length = f"{float(spec.seconds)!r} s, truth within {float(spec.truth_range_m)!r} m"
-    return f"fbench city {VERSION}, {spec.world}, {traffic} traffic, seed {spec.seed}, {length}"
 
 
 def _sort_messages(found: Iterator[Period], counts: Counter[str]) -> Iterator[Message | Truth]:
@@ -203,34 +194,14 @@ def _sort_messages(found: Iterator[Period], counts: Counter[str]) -> Iterator[Me
     for period in found:
         while heap and heap[0][0] < period.from_ns:
             yield heapq.heappop(heap)[2]
-        _count(period, counts)
-        for item in (*period.poses, *(one.message for one in period.measured), period.truth):
+        truth = period.truth
+        counts.update(one.message.sensor for one in period.measured)
+        counts["3d boxes"] += 0 if truth.boxes3d is None else len(truth.boxes3d)
+        counts["2d boxes"] += 0 if truth.boxes2d is None else len(truth.boxes2d)
+        counts["instants"] += 1
+        counts["lost messages"] += period.num_lost
+        for item in (*period.poses, *(one.message for one in period.measured), truth):
             heapq.heappush(heap, (item.log_ns, num, item))
             num += 1
     while heap:
         yield heapq.heappop(heap)[2]
-
-
-def _count(period: Period, counts: Counter[str]) -> None:
-    counts.update(one.message.sensor for one in period.measured)
-    boxes3d, boxes2d = period.truth.boxes3d, period.truth.boxes2d
-    counts["3d boxes"] += 0 if boxes3d is None else len(boxes3d)
-    counts["2d boxes"] += 0 if boxes2d is None else len(boxes2d)
-    counts["instants"] += 1
-    counts["lost messages"] += period.num_lost
-
-
-def _world_line(city: City) -> str:
-    labels = Counter(actor.body.label for actor in city.caster.actors[1:])
-    bodies = ", ".join(f"{label} {num}" for label, num in sorted(labels.items()))
-    return f"world: {bodies}"
-
-
-def _count_lines(spec: CitySpec, counts: Counter[str]) -> list[str]:
-    messages = ", ".join(f"{name} {counts[name]}" for name in spec.rig.names)
-    lost = f" ({counts['lost messages']} lost)" if counts["lost messages"] else ""
-    images = f", {counts['2d boxes']} in images" if spec.rig.cameras else ""
-    return [
-        f"messages: {messages}{lost}",
-        f"truth: {counts['3d boxes']} boxes at {counts['instants']} instants{images}",
-    ]

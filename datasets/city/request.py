@@ -98,9 +98,6 @@ def _first(error: ValidationError) -> str:
     return f"{'.'.join(place)}: {first['msg']}, got {shown}" if place else first["msg"]
 
 
-_WEATHER = "weather"
-
-
 @dataclass(frozen=True)
 class CityRequest:
     """Texts that say what to simulate."""
@@ -120,11 +117,14 @@ class CityRequest:
         under = condition(self.condition)
         rig = thesis_rig() if self.rig_file is None else read_rig(self.rig_file)
         for setting in self.settings:
-            if split_setting(setting)[0] == _WEATHER:
+            if split_setting(setting)[0] == WEATHER:
                 under = _with_weather(under, setting)
             else:
                 rig = with_value(rig, setting)
-        return CitySpec(world_name(self.world), under, self.seconds, self.seed, _choose_sensors(rig, self.sensors))
+        names = choose_sensors(rig.names, make_sensors(self.sensors))
+        tables = {kind: {name: spec for name, spec in getattr(rig, kind).items() if name in names} for kind in _TABLES}
+        rig = rig.model_copy(update=tables)
+        return CitySpec(world_name(self.world), under, self.seconds, self.seed, rig)
 
 
 def _with_weather(under: Condition, setting: str) -> Condition:
@@ -135,18 +135,7 @@ def _with_weather(under: Condition, setting: str) -> Condition:
     value = toml_value(setting, text)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ConfigError(f"--set {setting}: expected a number, got {text}")
-    changed = {field: float(value)}
-    return replace(under, weather=replace(under.weather, **changed))
-
-
-def _choose_sensors(rig: RigSpec, patterns: Sequence[str]) -> RigSpec:
-    names = choose_sensors(rig.names, make_sensors(patterns))
-    return RigSpec(
-        cameras={name: spec for name, spec in rig.cameras.items() if name in names},
-        lidars={name: spec for name, spec in rig.lidars.items() if name in names},
-        radars={name: spec for name, spec in rig.radars.items() if name in names},
-        pose_rate_hz=rig.pose_rate_hz,
-    )
+    return replace(under, weather=replace(under.weather, **{field: float(value)}))
 
 
 Split: TypeAlias = Literal["dev", "test"]
@@ -157,8 +146,6 @@ SEEDS: Mapping[Split, tuple[int, ...]] = {
 """Seeds to develop, train and tune on, and those to report figures of. No pipeline may be tuned on the test seeds; they
 never change.
 """
-
-
 DEMO_SEEDS: Mapping[WorldName, tuple[int, ...]] = {"urban": (202, 212), "highway": (205,)}
 """Of the short version: those of 201 to 212 whose first 1.5 s show the most vehicles nearer than 50 m. Nothing was
 trained or tuned on any of them.
@@ -177,25 +164,14 @@ class Scene:
         return f"{self.world}-{self.condition}-{seed}"
 
 
+_BOTH: tuple[WorldName, ...] = ("urban", "highway")
 SUITE: tuple[Scene, ...] = (
-    Scene("urban", "clear"),
-    Scene("urban", "traffic"),
-    Scene("urban", "rain"),
-    Scene("urban", "fog"),
-    Scene("urban", "night"),
-    Scene("highway", "clear"),
-    Scene("highway", "traffic"),
-    Scene("highway", "rain"),
-    Scene("highway", "fog"),
-    Scene("highway", "night"),
-    Scene("urban", "traffic+fog"),
-    Scene("highway", "heavy-rain"),
-)
+    *(Scene(world, name) for world in _BOTH for name in ("clear", "traffic", "rain", "fog", "night")),
+    Scene("urban", "traffic+fog"), Scene("highway", "heavy-rain"),
+)  # fmt: skip
 """One seed gives the same world in all of them, and the same trajectories wherever traffic is as dense: conditions are
 compared on the same scene.
 """
-
-
 EXPERIMENT: tuple[Scene, ...] = (*SUITE, Scene("urban", "dense-fog"), Scene("highway", "dense-fog"))
 """The suite, and fog that hides what is scored: at the suite's 100 m of visibility a camera that knows fog sees most of
 what is nearer than 50 m.
@@ -210,46 +186,29 @@ DEMO: tuple[tuple[Scene, int], ...] = tuple(
 def experiment_spec(scene: Scene, seed: int, seconds: float) -> CitySpec:
     """Return one log of the suite as an experiment: mono camera, LiDAR and radar of the thesis's rig."""
     rig = thesis_rig()
-    mono = RigSpec(cameras={"camera": rig.cameras["camera"]}, lidars=rig.lidars, radars=rig.radars,
-                   pose_rate_hz=rig.pose_rate_hz)  # fmt: skip
+    mono = rig.model_copy(update={"cameras": {"camera": rig.cameras["camera"]}})
     return CitySpec(scene.world, condition(scene.condition), seconds, seed, mono)
 
 
-_WORLDS: tuple[WorldName, ...] = ("urban", "highway")
 TRAINING_SEEDS = range(301, 371)  # None of the suite's. Each is another drive: those teach more than other weathers do.
-_WEATHERS = (
-    "clear", "fog", "night", "rain", "low-sun", "dusk", "dense-fog", "heavy-rain", "overcast", "night",
-)  # fmt: skip
+_WEATHERS = ("clear", "fog", "night", "rain", "low-sun", "dusk", "dense-fog", "heavy-rain", "overcast", "night")
 """One a drive, in turn; by night twice as many, as that is hardest."""
 _SECONDS, _RATE_HZ = 30.0, 0.2  # Few images of a long drive teach more than many of a short one
-_FRONT_M, _REAR_M = (2.0, 0.0, 1.0), (-2.0, 0.0, 1.2)
-_LEFT_M, _RIGHT_M = (0.5, 0.8, 1.4), (0.5, -0.8, 1.6)
 
 
 def training_logs() -> Iterator[tuple[str, CitySpec]]:
-    """Yield name and spec of every log."""
-    for world in _WORLDS:
+    """Yield name and spec of every log: four cameras like the thesis's mono camera look ahead, back and to the sides;
+    every other turn of the weathers has dense traffic besides.
+    """
+    views = {"front": ((2.0, 0.0, 1.0), 0.0), "rear": ((-2.0, 0.0, 1.2), 180.0),
+             "left": ((0.5, 0.8, 1.4), 60.0), "right": ((0.5, -0.8, 1.6), -60.0)}  # fmt: skip
+    cameras = {name: CameraSpec(translation_m=at, yaw_pitch_roll_deg=(yaw_deg, 0.0, 0.0), rate_hz=_RATE_HZ)
+               for name, (at, yaw_deg) in views.items()}  # fmt: skip
+    rig = RigSpec(cameras=cameras, pose_rate_hz=1.0)
+    for world in _BOTH:
         for place, seed in enumerate(TRAINING_SEEDS):
             turn, weather = divmod(place, len(_WEATHERS))
-            name = _crowd(_WEATHERS[weather]) if turn % 2 else _WEATHERS[weather]
-            yield f"{world}-{name}-{seed}", CitySpec(world, condition(name), _SECONDS, seed, _rig())
-
-
-def _crowd(weather: str) -> str:
-    """Return the condition that has dense traffic besides."""
-    return "traffic" if weather == "clear" else f"traffic+{weather}"
-
-
-def _rig() -> RigSpec:
-    """Four cameras as the thesis's mono camera is, looking ahead, back and to the sides."""
-    cameras = {
-        "front": _camera(_FRONT_M, 0.0),
-        "rear": _camera(_REAR_M, 180.0),
-        "left": _camera(_LEFT_M, 60.0),
-        "right": _camera(_RIGHT_M, -60.0),
-    }
-    return RigSpec(cameras=cameras, pose_rate_hz=1.0)
-
-
-def _camera(translation_m: tuple[float, float, float], yaw_deg: float) -> CameraSpec:
-    return CameraSpec(translation_m=translation_m, yaw_pitch_roll_deg=(yaw_deg, 0.0, 0.0), rate_hz=_RATE_HZ)
+            name = _WEATHERS[weather]
+            if turn % 2:
+                name = "traffic" if name == "clear" else f"traffic+{name}"
+            yield f"{world}-{name}-{seed}", CitySpec(world, condition(name), _SECONDS, seed, rig)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
 
@@ -45,10 +45,9 @@ violent showers, illuminances those of the sky that the name says; the rest is c
 
 
 def condition(text: str) -> Condition:
-    """Return the condition of a name, or the mixture of several joined by `+`, such as `traffic+fog`.
-
-    A mixture has the shortest visibility, the most rain, the least light, the lowest sun, and dense traffic where any
-    of its parts has. Raises ConfigError for an unknown name, or one that comes twice.
+    """Return the condition of a name, or the mixture of several joined by `+`, such as `traffic+fog`. A mixture has the
+    shortest visibility, the most rain, the least light, the lowest sun, and dense traffic where any of its parts has.
+    Raises ConfigError for an unknown name, or one that comes twice.
     """
     names = [name.strip() for name in text.split("+")]
     for name in names:
@@ -57,18 +56,11 @@ def condition(text: str) -> Condition:
         if names.count(name) > 1:
             raise ConfigError(f"--condition {text}: '{name}' comes twice")
     parts = [CONDITIONS[name] for name in names]
-    return Condition("+".join(names), _mix([part.weather for part in parts]), any(p.is_dense for p in parts))
-
-
-def _mix(weathers: list[Weather]) -> Weather:
+    weathers = [part.weather for part in parts]
     lowest = min(weathers, key=lambda weather: weather.sun_elevation_deg)
-    return Weather(
-        visibility_m=min(weather.visibility_m for weather in weathers),
-        rain_mm_h=max(weather.rain_mm_h for weather in weathers),
-        lux=min(weather.lux for weather in weathers),
-        sun_elevation_deg=lowest.sun_elevation_deg,
-        sun_azimuth_deg=lowest.sun_azimuth_deg,
-    )
+    visibility_m, rain_mm_h = min(w.visibility_m for w in weathers), max(w.rain_mm_h for w in weathers)
+    weather = replace(lowest, visibility_m=visibility_m, rain_mm_h=rain_mm_h, lux=min(w.lux for w in weathers))
+    return Condition("+".join(names), weather, any(part.is_dense for part in parts))
 
 
 WorldName: TypeAlias = Literal["urban", "highway"]
@@ -113,10 +105,7 @@ class CitySpec:
     @property
     def metadata(self) -> dict[str, str]:
         """What the log says of its making."""
-        weather = {
-            f"weather.{name}": np.format_float_positional(value, trim="-")
-            for name, value in asdict(self.condition.weather).items()
-        }
+        weather, lidars = asdict(self.condition.weather), sorted(self.rig.lidars.items())
         return {
             "dataset": "fbench city (simulated)",
             "licence": "made by fbench; free of rights",
@@ -127,11 +116,8 @@ class CitySpec:
             "seed": str(self.seed),
             REFERENCE: self.rig.reference,
             "stamps": "when measured; a LiDAR's when its turn ends",
-            **weather,
-            **{
-                f"lidar.{name}.motion": ("in the sweep" if spec.motion else "frozen at the stamp")
-                for name, spec in sorted(self.rig.lidars.items())
-            },
+            **{f"weather.{name}": np.format_float_positional(value, trim="-") for name, value in weather.items()},
+            **{f"lidar.{name}.motion": "in the sweep" if s.motion else "frozen at the stamp" for name, s in lidars},
         }
 
 

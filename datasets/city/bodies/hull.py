@@ -5,24 +5,14 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies.shell import (
-    BLACK,
-    GLASS,
-    LINE,
-    PLATE,
-    TYRE,
-    both,
-    linear,
-    mirror,
-    shell,
-    shift,
-    skin_surface,
-)
+from fbench.datasets.city.bodies.palette import BLACK, GLASS, LINE, PLATE, TYRE, linear
+from fbench.datasets.city.bodies.shell import both, mirror, shell, skin_surface
 from fbench.datasets.city.instant import BRAKE, HEAD, TAIL
-from fbench.datasets.city.mesh import Mesh, Skin, Three, box, merge_meshes, quad
-from fbench.replay.data.arrays import Array, Bool, Float64
+from fbench.datasets.city.mesh import Mesh, Skin, Three, box, merge_meshes, quad, shift
+from fbench.replay.data.arrays import Float64
 
-Knots = tuple[tuple[float, float], ...]
+Pair = tuple[float, float]
+Knots = tuple[Pair, ...]
 _LEAST_STEP_M: Final = 0.03
 _ARCH_DEG: Final = np.array([0.0, 32, 68, 112, 148, 180])
 
@@ -39,9 +29,9 @@ class Profile:
     sill_m: float  # Ground clearance
     mid_m: float  # Height where it is widest
     tumblehome: float  # How far the sides lean in above the belt, per meter of height
-    windscreen: tuple[float, float]  # From s to s, where the top is glass
-    rear_window: tuple[float, float]
-    windows: tuple[tuple[float, float], ...]  # From s to s, where the sides are glass; pillars lie between them
+    windscreen: Pair  # From s to s, where the top is glass
+    rear_window: Pair
+    windows: Knots  # From s to s, where the sides are glass; pillars lie between them
     axles: tuple[float, ...]  # s of the wheels' middles that have arches
     wheel_radius_m: float
     crown_m: float = 0.045  # How much higher the middle is than the edges
@@ -50,23 +40,138 @@ class Profile:
     arch_m: float = 0.055  # Gap between tire and arch
 
 
-@dataclass(frozen=True, eq=False)
-class Sections:
-    """Cross-sections at stations from tail to nose."""
+HEADLIGHT = Skin("headlight", linear("eef0ea"), HEAD)
+TAILLIGHT = Skin("taillight", linear("9c1116"), TAIL)
+BRAKELIGHT = Skin("taillight", linear("b8161b"), BRAKE)
+TURN = Skin("plastic", linear("c8641a"))
+_PLATE_M = (0.52, 0.11)  # Width and height of a European licence plate (520 mm x 110 mm)
+_PAINT, _GLASS, _BLACK, _SKIRT = range(4)
+_WINDOW, _SCREEN = 2, 5
+"""Cells of the left half between belt and window's top, and between the pillar's edge and the middle."""
+_PROUD_M: Final = 0.006  # How far what is put on the surface stands out
 
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """A hull whose nose is at x = length / 2, by its cross-sections at stations from tail to nose, and what is put on
+    it.
+    """
+
+    profile: Profile
     s_m: Float64  # (S,) falling
     half_m: Float64
     """(S, 7, 2) y and z of the left half: sill, widest, belt, window's top, roof's edge, pillar's edge, middle."""
 
+    def mesh(self, paint: Skin, skirt: Skin | None = None) -> Mesh:
+        """Return the surface; `skirt` is the skin of its lowest part."""
+        p, middle = self.profile, (self.s_m[:-1] + self.s_m[1:]) / 2
+        ring = np.concatenate([self.half_m, self.half_m[:, -2::-1] * np.array([-1.0, 1])], axis=1)
+        x = np.broadcast_to((p.length_m / 2 - self.s_m)[:, None, None], (*ring.shape[:2], 1))
+        cells = np.full((len(middle), 6), _PAINT)
+        panes = [*((_WINDOW, pair) for pair in p.windows), (_SCREEN, p.windscreen), (_SCREEN, p.rear_window)]
+        for cell, (start, end) in panes:
+            cells[(middle > start) & (middle < end), cell] = _GLASS
+        if skirt is not None:
+            cells[:, 0] = _SKIRT
+        cells = np.concatenate([cells, cells[:, ::-1], np.full((len(middle), 1), _BLACK)], axis=1)
+        return shell(np.concatenate([x, ring], axis=2), cells, [paint, GLASS, BLACK, skirt or paint])
 
-def sections(profile: Profile) -> Sections:
+    def side(self, s_m: Pair, z_m: Pair, skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
+        """Put a patch on both sides, from s to s and from height to height; it follows the surface."""
+        return both(self.left(s_m, z_m, skin, proud_m))
+
+    def left(self, s_m: Pair, z_m: Pair, skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
+        """Put a patch on the left side only."""
+        x, mid = self.profile.length_m / 2, self.profile.mid_m
+        s = np.array([s_m[1], *self.s_m[(self.s_m > s_m[0] + 1e-3) & (self.s_m < s_m[1] - 1e-3)], s_m[0]])
+        z = np.array([z_m[0], mid, z_m[1]] if z_m[0] + 0.02 < mid < z_m[1] - 0.02 else z_m)
+        points = np.array([(x - v, self._half_width(v, w) + proud_m, w) for v in s for w in z])
+        rows = len(z)
+        i = (np.arange(len(s) - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
+        tri = np.stack([i, i + 1, i + rows + 1, i, i + rows + 1, i + rows], axis=1).reshape(-1, 3)
+        return skin_surface(points, tri, np.zeros(len(tri), int), [skin])
+
+    def _half_width(self, s_m: float, z_m: float) -> float:
+        s, half = self.s_m[::-1], self.half_m[::-1]
+        i = int(np.clip(np.searchsorted(s, s_m, side="right") - 1, 0, len(s) - 2))
+        share = (s_m - s[i]) / (s[i + 1] - s[i])
+        outline = half[i, :5] * (1 - share) + half[i + 1, :5] * share
+        return float(np.interp(z_m, outline[:, 1], outline[:, 0]))
+
+    def front(self, y_m: Pair, z_m: Pair, skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
+        """Put a patch on the flat of the nose, from y to y and from height to height."""
+        x, (y0, y1), (z0, z1) = self.profile.length_m / 2 + proud_m, y_m, z_m
+        return quad(np.array([(x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1)]), skin)
+
+    def rear(self, y_m: Pair, z_m: Pair, skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
+        """Put a patch on the flat of the tail."""
+        x, (y0, y1), (z0, z1) = -self.profile.length_m / 2 - proud_m, y_m, z_m
+        return quad(np.array([(x, y1, z0), (x, y0, z0), (x, y0, z1), (x, y1, z1)]), skin)
+
+    def flat_half_m(self, at_nose: bool) -> float:
+        """Half the width of the flat of nose or tail."""
+        return float(self.half_m[-1 if at_nose else 0, 2, 0])
+
+    def headlights(self, z_m: Pair, inner: float, back_m: float) -> list[Mesh]:
+        """Put headlights on the nose's outer part, from `inner` of its half width, and around its corners."""
+        half = self.flat_half_m(at_nose=True)
+        frame = self.front((inner * half - 0.02, half), (z_m[0] - 0.02, z_m[1] + 0.015), LINE, 0.009)
+        front = self.front((inner * half, 0.99 * half), z_m, HEADLIGHT, 0.013)
+        return [both(frame), both(front), self.side((0.0, back_m), (z_m[0] + 0.02, z_m[1]), HEADLIGHT, 0.013)]
+
+    def tail_lamps(self, z_m: Pair, inner: float, round_m: float) -> list[Mesh]:
+        """Put tail lights and, in their upper part, brake lights on the tail's outer part and around its corners."""
+        half, length = self.flat_half_m(at_nose=False), self.profile.length_m
+        z = 0.45 * z_m[0] + 0.55 * z_m[1]
+        lamps = ((z_m[0], z), TAILLIGHT), ((z, z_m[1]), BRAKELIGHT)
+        parts = [both(self.rear((inner * half, 0.99 * half), rows, skin)) for rows, skin in lamps]
+        return [*parts, self.side((length - round_m, length), z_m, TAILLIGHT)]
+
+    def door_lines(self, at_m: tuple[float, ...], z_m: Pair) -> list[Mesh]:
+        """Draw the gaps between doors and wings: thin dark lines from height to height."""
+        return [self.side((s, s + 0.018), z_m, LINE, 0.004) for s in at_m]
+
+    def handles(self, at_m: tuple[float, ...], z_m: float, skin: Skin) -> list[Mesh]:
+        """Put handles on the doors."""
+        return [self.side((s, s + 0.19), (z_m, z_m + 0.035), skin, 0.022) for s in at_m]
+
+    def underbody(self, inner_m: float, top_m: float) -> Mesh:
+        """Fill the hull between the wheels, so that nobody sees through its arches."""
+        low, size = self.profile.sill_m, (self.profile.length_m - 0.3, 2 * inner_m, top_m - self.profile.sill_m)
+        return box((0.0, 0.0, (low + top_m) / 2 + 0.01), size, BLACK)
+
+    def grille(self, half_m: float, z_m: Pair, bars: int, skin: Skin) -> Mesh:
+        """Put a dark grille with bars on the nose."""
+        step, y = (z_m[1] - z_m[0]) / (bars + 1), (-half_m, half_m)
+        middles = [z_m[0] + (i + 1) * step for i in range(bars)]
+        return merge_meshes(
+            [self.front(y, z_m, LINE), *(self.front(y, (z - 0.008, z + 0.008), skin, 0.01) for z in middles)]
+        )
+
+    def wheels(self, outer_m: float, width_m: float, rim: Skin) -> list[Mesh]:
+        """Return the wheels of all axles, whose outer sides are `outer_m` from the middle."""
+        p = self.profile
+        return [wheel for s in p.axles for wheel in axle(p.length_m / 2 - s, outer_m, p.wheel_radius_m, width_m, rim)]
+
+
+def make_hull(profile: Profile) -> Hull:
     """Cut the hull wherever its outline bends."""
-    s = _stations(profile)[::-1]
-    half = profile.width_m / 2 * _at(profile.plan, s)
-    top, bottom = _at(profile.top, s), _bottom(profile, s)
-    edge = top - profile.crown_m
+    radius = profile.wheel_radius_m + profile.arch_m
+    arches = [axle + radius * np.cos(np.radians(_ARCH_DEG)) for axle in profile.axles]
+    edges = [s for pair in (profile.windscreen, profile.rear_window, *profile.windows) for s in pair]
+    every = np.sort(np.concatenate([np.array([s for s, _ in profile.top] + edges), *arches]))
+    every = every[(every > _LEAST_STEP_M) & (every < profile.length_m - _LEAST_STEP_M)]
+    every = every[np.concatenate([[True], np.diff(every) > _LEAST_STEP_M])]
+    s = np.array([0.0, *every, profile.length_m])[::-1]
+    bottom = np.full(len(s), profile.sill_m)
+    for axle_s in profile.axles:
+        inside = radius**2 - (s - axle_s) ** 2
+        arch = np.where(inside > 1e-6, profile.wheel_radius_m + np.sqrt(np.maximum(inside, 0)), 0)
+        bottom = np.maximum(bottom, arch)
+    top, belt, plan = (np.interp(s, *np.array(knots).T) for knots in (profile.top, profile.belt, profile.plan))
+    half, edge = profile.width_m / 2 * plan, top - profile.crown_m
     arched = bottom > profile.sill_m + 0.02
-    belt = np.minimum(_at(profile.belt, s), edge - 0.03)
+    belt = np.minimum(belt, edge - 0.03)
     mid = np.minimum(np.maximum(profile.mid_m, bottom + 0.06), belt - 0.05)
     share = np.clip((edge - belt) / 0.35, 0.15, 1)
     window = edge - profile.rail_m * share * np.minimum(1.0, (edge - belt) / (2 * profile.rail_m * share))
@@ -77,142 +182,7 @@ def sections(profile: Profile) -> Sections:
         (side - profile.tumblehome * (window - belt) - 0.006, window), (inner, edge),
         (inner - profile.pillar_m, edge + 0.6 * profile.crown_m), (0 * s, top),
     ]  # fmt: skip
-    return Sections(s, np.stack([np.column_stack(row) for row in rows], axis=1))
-
-
-def _at(knots: Knots, s: Array) -> Float64:
-    s_knots, values = np.array(knots).T
-    return np.asarray(np.interp(s, s_knots, values), np.float64)
-
-
-def _bottom(profile: Profile, s: Float64) -> Float64:
-    """Lower edge: the sill, or the arches above the wheels."""
-    radius = profile.wheel_radius_m + profile.arch_m
-    bottom = np.full(len(s), profile.sill_m)
-    for axle in profile.axles:
-        inside = radius**2 - (s - axle) ** 2
-        arch = np.where(inside > 1e-6, profile.wheel_radius_m + np.sqrt(np.maximum(inside, 0)), 0)
-        bottom = np.maximum(bottom, arch)
-    return bottom
-
-
-def _stations(profile: Profile) -> Float64:
-    radius = profile.wheel_radius_m + profile.arch_m
-    arches = [axle + radius * np.cos(np.radians(_ARCH_DEG)) for axle in profile.axles]
-    knots = [s for s, _ in profile.top]
-    edges = [s for pair in (profile.windscreen, profile.rear_window, *profile.windows) for s in pair]
-    every = np.sort(np.concatenate([np.array(knots + edges), *arches]))
-    every = every[(every > _LEAST_STEP_M) & (every < profile.length_m - _LEAST_STEP_M)]
-    every = every[np.concatenate([[True], np.diff(every) > _LEAST_STEP_M])]
-    return np.array([0.0, *every, profile.length_m])
-
-
-_PAINT, _GLASS, _BLACK, _SKIRT = range(4)
-_WINDOW, _SCREEN = 2, 5
-"""Cells of the left half between belt and window's top, and between the pillar's edge and the middle."""
-_PROUD_M: Final = 0.006  # How far what is put on the surface stands out
-
-
-@dataclass(frozen=True, eq=False)
-class Hull:
-    """A hull whose nose is at x = length / 2."""
-
-    profile: Profile
-    sections: Sections
-
-    def mesh(self, paint: Skin, skirt: Skin | None = None) -> Mesh:
-        """Return the surface; `skirt` is the skin of its lowest part."""
-        half = self.sections.half_m
-        ring = np.concatenate([half, half[:, -2::-1] * np.array([-1.0, 1])], axis=1)
-        x = np.broadcast_to(self._x(self.sections.s_m)[:, None, None], (*ring.shape[:2], 1))
-        return shell(np.concatenate([x, ring], axis=2), self._cells(skirt), [paint, GLASS, BLACK, skirt or paint])
-
-    def side(self, s_m: tuple[float, float], z_m: tuple[float, float], skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
-        """Put a patch on both sides, from s to s and from height to height; it follows the surface."""
-        return both(self.left(s_m, z_m, skin, proud_m))
-
-    def left(self, s_m: tuple[float, float], z_m: tuple[float, float], skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
-        """Put a patch on the left side only."""
-        stations = self.sections.s_m
-        s = np.array([s_m[1], *stations[(stations > s_m[0] + 1e-3) & (stations < s_m[1] - 1e-3)], s_m[0]])
-        mid = self.profile.mid_m
-        z = np.array([z_m[0], mid, z_m[1]] if z_m[0] + 0.02 < mid < z_m[1] - 0.02 else z_m)
-        rows, num = len(z), len(s)
-        points = np.array([(self._x(v), self._y(v, w) + proud_m, w) for v in s for w in z])
-        i = (np.arange(num - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
-        tri = np.stack([i, i + 1, i + rows + 1, i, i + rows + 1, i + rows], axis=1).reshape(-1, 3)
-        return skin_surface(points, tri, np.zeros(len(tri), int), [skin])
-
-    def front(self, y_m: tuple[float, float], z_m: tuple[float, float], skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
-        """Put a patch on the flat of the nose, from y to y and from height to height."""
-        x, (y0, y1), (z0, z1) = self.profile.length_m / 2 + proud_m, y_m, z_m
-        return quad(np.array([(x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1)]), skin)
-
-    def rear(self, y_m: tuple[float, float], z_m: tuple[float, float], skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
-        """Put a patch on the flat of the tail."""
-        x, (y0, y1), (z0, z1) = -self.profile.length_m / 2 - proud_m, y_m, z_m
-        return quad(np.array([(x, y1, z0), (x, y0, z0), (x, y0, z1), (x, y1, z1)]), skin)
-
-    def flat_half_m(self, at_nose: bool) -> float:
-        """Half the width of the flat of nose or tail."""
-        return float(self.sections.half_m[-1 if at_nose else 0, 2, 0])
-
-    def _x(self, s_m: Array) -> Array:
-        return self.profile.length_m / 2 - s_m
-
-    def _y(self, s_m: float, z_m: float) -> float:
-        """Half width of the sides at a place."""
-        s, half = self.sections.s_m[::-1], self.sections.half_m[::-1]
-        i = int(np.clip(np.searchsorted(s, s_m, side="right") - 1, 0, len(s) - 2))
-        share = (s_m - s[i]) / (s[i + 1] - s[i])
-        outline = half[i, :5] * (1 - share) + half[i + 1, :5] * share
-        return float(np.interp(z_m, outline[:, 1], outline[:, 0]))
-
-    def _cells(self, skirt: Skin | None) -> Array:
-        p, s = self.profile, self.sections.s_m
-        middle = (s[:-1] + s[1:]) / 2
-        half = np.full((len(middle), 6), _PAINT)
-        for pair in p.windows:
-            half[_between(middle, pair), _WINDOW] = _GLASS
-        for pair in (p.windscreen, p.rear_window):
-            half[_between(middle, pair), _SCREEN] = _GLASS
-        if skirt is not None:
-            half[:, 0] = _SKIRT
-        return np.concatenate([half, half[:, ::-1], np.full((len(middle), 1), _BLACK)], axis=1)
-
-
-def make_hull(profile: Profile) -> Hull:
-    """Cut the sections of a profile."""
-    return Hull(profile, sections(profile))
-
-
-def _between(s: Float64, pair: tuple[float, float]) -> Bool:
-    inside: Bool = (s > pair[0]) & (s < pair[1])
-    return inside
-
-
-HEADLIGHT = Skin("headlight", linear("eef0ea"), HEAD)
-TAILLIGHT = Skin("taillight", linear("9c1116"), TAIL)
-BRAKELIGHT = Skin("taillight", linear("b8161b"), BRAKE)
-TURN = Skin("plastic", linear("c8641a"))
-_PLATE_M = (0.52, 0.11)  # Width and height of a European licence plate (520 mm x 110 mm)
-
-
-def headlights(hull: Hull, z_m: tuple[float, float], inner: float, back_m: float) -> list[Mesh]:
-    """Put headlights on the nose's outer part, from `inner` of its half width, and around its corners."""
-    half = hull.flat_half_m(at_nose=True)
-    frame = hull.front((inner * half - 0.02, half), (z_m[0] - 0.02, z_m[1] + 0.015), LINE, 0.009)
-    front = hull.front((inner * half, 0.99 * half), z_m, HEADLIGHT, 0.013)
-    return [both(frame), both(front), hull.side((0.0, back_m), (z_m[0] + 0.02, z_m[1]), HEADLIGHT, 0.013)]
-
-
-def tail_lamps(hull: Hull, z_m: tuple[float, float], inner: float, round_m: float) -> list[Mesh]:
-    """Put tail lights and, in their upper part, brake lights on the tail's outer part and around its corners."""
-    half, length = hull.flat_half_m(at_nose=False), hull.profile.length_m
-    z = 0.45 * z_m[0] + 0.55 * z_m[1]
-    parts = [both(hull.rear((inner * half, 0.99 * half), rows, skin))
-             for rows, skin in (((z_m[0], z), TAILLIGHT), ((z, z_m[1]), BRAKELIGHT))]  # fmt: skip
-    return [*parts, hull.side((length - round_m, length), z_m, TAILLIGHT)] if round_m else parts
+    return Hull(profile, s, np.stack([np.column_stack(row) for row in rows], axis=1))
 
 
 def plate(x_m: float, z_m: float) -> Mesh:
@@ -226,40 +196,11 @@ def mirrors(x_m: float, y_m: float, z_m: float, size_lwh_m: Three, skin: Skin) -
     ring = np.array([(-1.0, -1.0), (1, -1), (1, 1), (-1, 1)]) / 2
     rings = [np.column_stack([np.full(4, x), scale * ring * (width, height)])
              for x, scale in ((-0.5, 1.0), (0.1, 1.0), (0.5, 0.7))]  # fmt: skip
-    rings_m = np.stack(rings) * np.array([length, 1, 1])
-    cells = np.zeros((2, 4), int)
-    left = shell(rings_m, cells, [skin, GLASS], (1, 0))
+    left = shell(np.stack(rings) * np.array([length, 1, 1]), np.zeros((2, 4), int), [skin, GLASS], (1, 0))
     return both(shift(left, (x_m, y_m + width / 2, z_m)))
 
 
-def door_lines(hull: Hull, at_m: tuple[float, ...], z_m: tuple[float, float]) -> list[Mesh]:
-    """Draw the gaps between doors and wings: thin dark lines from height to height."""
-    return [hull.side((s, s + 0.018), z_m, LINE, 0.004) for s in at_m]
-
-
-def handles(hull: Hull, at_m: tuple[float, ...], z_m: float, skin: Skin) -> list[Mesh]:
-    """Put handles on the doors."""
-    return [hull.side((s, s + 0.19), (z_m, z_m + 0.035), skin, 0.022) for s in at_m]
-
-
-def underbody(profile: Profile, inner_m: float, top_m: float) -> Mesh:
-    """Fill the hull between the wheels, so that nobody sees through its arches."""
-    length = profile.length_m - 0.3
-    return box((0.0, 0.0, (profile.sill_m + top_m) / 2 + 0.01), (length, 2 * inner_m, top_m - profile.sill_m), BLACK)
-
-
-def grille(hull: Hull, half_m: float, z_m: tuple[float, float], bars: int, skin: Skin) -> Mesh:
-    """Put a dark grille with bars on the nose."""
-    parts = [hull.front((-half_m, half_m), z_m, LINE)]
-    step = (z_m[1] - z_m[0]) / (bars + 1)
-    for i in range(bars):
-        z = z_m[0] + (i + 1) * step
-        parts.append(hull.front((-half_m, half_m), (z - 0.008, z + 0.008), skin, 0.01))
-    return merge_meshes(parts)
-
-
-_SIDES: Final = 15
-_RIM_SHARE: Final = 0.66  # Of the wheel's radius
+_SIDES, _RIM_SHARE = 15, 0.66  # Of the wheel's radius
 _GAP: Final = 3  # Every so manyth sector of the rim is a gap between spokes
 
 

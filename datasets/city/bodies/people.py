@@ -5,7 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies.shell import HAIR, SKINS, TOPS, TROUSERS, body, linear, pick, shell, tube
+from fbench.datasets.city.bodies.palette import HAIR, SKINS, TOPS, TROUSERS, linear, pick
+from fbench.datasets.city.bodies.shell import body, shell, tube
 from fbench.datasets.city.mesh import Body, Mesh, Skin
 from fbench.replay.data.arrays import Array, Float64
 
@@ -57,9 +58,7 @@ def pair(x: Array | float, y: float, z: Array | float) -> Float64:
     return np.column_stack([np.broadcast_to(x, 2), SIDES * y, np.broadcast_to(z, 2)]).astype(np.float64)
 
 
-_LIMB: Final = 6
-_TRUNK: Final = 10
-_HEAD: Final = 8
+_LIMB, _TRUNK, _HEAD = 6, 10, 8  # Sides
 
 
 @dataclass(frozen=True)
@@ -80,9 +79,29 @@ class Appearance:
 
 def figure(at: Pose, looks: Appearance, with_head: bool = True) -> list[Mesh]:
     """Return trunk, head (if nothing covers it all), arms, hands, legs and shoes."""
-    parts = [_trunk(at, looks), *([_neck(at, looks), _head(at, looks)] if with_head else [])]
+    h, g, limb = at.height_m, looks.girth, 0.5 + 0.5 * looks.girth
+    wide = np.array([0.05, 0.092, 0.095, 0.08, 0.094, 0.112, 0.05]) * h
+    deep = np.array([0.045, 0.064, 0.064, 0.056, 0.066, 0.056, 0.035]) * h
+    share = np.array([-0.25, -0.08, 0.12, 0.4, 0.72, 0.94, 1.1])
+    trunk = rings(at.pelvis + share[:, None] * (at.neck - at.pelvis), wide * (0.4 + 0.6 * g), deep * g, at, _TRUNK)
+    cells = np.array([0, 0, 1, 1, 1, 1])[:, None] + np.zeros(_TRUNK, int)
+    parts = [shell(trunk, cells, [looks.legs, looks.top], (0, 1))]
+    if with_head:
+        neck = at.neck + 0.08 * (at.head - at.neck)
+        parts.append(tube([neck, 0.4 * neck + 0.6 * at.head], np.array([0.034, 0.03]) * h, _LIMB, [looks.skin]))
+        parts.append(_head(at, looks))
     for side in range(2):
-        parts += [_arm(at, looks, side), _leg(at, looks, side), _shoe(at, looks, side)]
+        shoulder, elbow, wrist = at.shoulders[side], at.elbows[side], at.wrists[side]
+        hand = (wrist - elbow) / (FOREARM * h)
+        path = [1.08 * shoulder - 0.08 * elbow, 0.8 * shoulder + 0.2 * elbow, elbow, wrist, wrist + 0.045 * h * hand,
+                wrist + 0.095 * h * hand]  # fmt: skip
+        radii = np.array([0.022 * limb, 0.034 * limb, 0.028 * limb, 0.02, 0.025, 0.013]) * h
+        parts.append(tube(path, radii, _LIMB - 1, [looks.top, looks.top, looks.sleeve, looks.skin, looks.skin]))
+        hip, knee, ankle = at.hips[side], at.knees[side], at.ankles[side]
+        path = [hip, 0.5 * (hip + knee), knee, 0.65 * knee + 0.35 * ankle, ankle]
+        radii = np.array([0.055 * limb, 0.05 * limb, 0.036 * limb, 0.034 * limb, 0.026]) * h
+        parts.append(tube(path, radii, _LIMB, [looks.legs, looks.legs, looks.shank, looks.shank]))
+        parts.append(_shoe(at, looks, side))
     return parts
 
 
@@ -105,21 +124,6 @@ def rings(middles: Array, half_wide: Array, half_deep: Array, at: Pose, num: int
     return np.asarray(np.asarray(middles)[:, None] + ring, np.float64)
 
 
-def _trunk(at: Pose, looks: Appearance) -> Mesh:
-    h, g = at.height_m, looks.girth
-    wide = np.array([0.05, 0.092, 0.095, 0.08, 0.094, 0.112, 0.05]) * h
-    deep = np.array([0.045, 0.064, 0.064, 0.056, 0.066, 0.056, 0.035]) * h
-    share = np.array([-0.25, -0.08, 0.12, 0.4, 0.72, 0.94, 1.1])
-    middles = at.pelvis + share[:, None] * (at.neck - at.pelvis)
-    cells = np.array([0, 0, 1, 1, 1, 1])[:, None] + np.zeros(_TRUNK, int)
-    return shell(rings(middles, wide * (0.4 + 0.6 * g), deep * g, at, _TRUNK), cells, [looks.legs, looks.top], (0, 1))
-
-
-def _neck(at: Pose, looks: Appearance) -> Mesh:
-    base = at.neck + 0.08 * (at.head - at.neck)
-    return tube([base, 0.4 * base + 0.6 * at.head], np.array([0.034, 0.03]) * at.height_m, _LIMB, [looks.skin])
-
-
 def _head(at: Pose, looks: Appearance) -> Mesh:
     """An egg whose face is in front; hair on top and behind, down to the neck where it is long."""
     h = at.height_m * looks.head
@@ -133,24 +137,6 @@ def _head(at: Pose, looks: Appearance) -> Mesh:
     behind = np.cos(angle + np.pi / _HEAD) < (0.35 if looks.long_hair else -0.2)
     cells = np.stack([behind & looks.long_hair, behind, behind, behind | True, behind | True]).astype(int)
     return shell(middle + ring, cells, [looks.skin, looks.hair], (0, 1))
-
-
-def _arm(at: Pose, looks: Appearance, side: int) -> Mesh:
-    h, g = at.height_m, 0.5 + 0.5 * looks.girth
-    shoulder, elbow, wrist = at.shoulders[side], at.elbows[side], at.wrists[side]
-    hand = (wrist - elbow) / (FOREARM * h)
-    path = [1.08 * shoulder - 0.08 * elbow, 0.8 * shoulder + 0.2 * elbow, elbow, wrist, wrist + 0.045 * h * hand,
-            wrist + 0.095 * h * hand]  # fmt: skip
-    radii = np.array([0.022 * g, 0.034 * g, 0.028 * g, 0.02, 0.025, 0.013]) * h
-    return tube(path, radii, _LIMB - 1, [looks.top, looks.top, looks.sleeve, looks.skin, looks.skin])
-
-
-def _leg(at: Pose, looks: Appearance, side: int) -> Mesh:
-    h, g = at.height_m, 0.5 + 0.5 * looks.girth
-    hip, knee, ankle = at.hips[side], at.knees[side], at.ankles[side]
-    path = [hip, 0.5 * (hip + knee), knee, 0.65 * knee + 0.35 * ankle, ankle]
-    radii = np.array([0.055 * g, 0.05 * g, 0.036 * g, 0.034 * g, 0.026]) * h
-    return tube(path, radii, _LIMB, [looks.legs, looks.legs, looks.shank, looks.shank])
 
 
 def _shoe(at: Pose, looks: Appearance, side: int) -> Mesh:
@@ -194,12 +180,15 @@ def walk_pose(walk: Walk, phase: float) -> Pose:
     """
     h, at = walk.height_m, np.array([phase, phase + 0.5]) % 1.0
     swing = np.sin(2 * np.pi * at)
-    thigh, knee = 0.04 - walk.stride_rad * swing, _knee(at)
+    away = np.abs((at - 0.39 + 0.5) % 1.0 - 0.5)  # the knee bends little in stance, most before it passes the other
+    knee = np.radians(5 + 47 * np.where(away < 0.2, np.cos(away / 0.2 * np.pi / 2) ** 2, 0.0))
+    thigh = 0.04 - walk.stride_rad * swing
     hips = pair(0.0, HIP_HALF * walk.breadth * h, HIP * h)
     knees = hips + turn_limb(thigh, THIGH * h)
     ankles = knees + turn_limb(thigh - knee, SHANK * h)
     down = np.radians(np.interp(at, _FOOT_AT, _FOOT_DEG))
-    toes = ankles + _sole(down, h)
+    forward, below, cos, sin = 0.72 * FOOT * h, ANKLE * h, np.cos(down), np.sin(down)
+    toes = ankles + np.column_stack([forward * cos - below * sin, 0 * cos, -forward * sin - below * cos])
     pelvis = hips.mean(0)
     spine = np.array([np.sin(walk.lean_rad), 0, np.cos(walk.lean_rad)]) * (SHOULDER - HIP) * h
     neck = pelvis + spine
@@ -209,20 +198,6 @@ def walk_pose(walk: Walk, phase: float) -> Pose:
     wrists = elbows + turn_limb(arm + 0.25 + 0.25 * np.maximum(swing, 0), FOREARM * h)
     head = neck + np.array([0.02 + 0.3 * walk.lean_rad, 0, 0.115]) * h
     return Pose(h, pelvis, neck, head, shoulders, elbows, wrists, hips, knees, ankles, toes)
-
-
-def _knee(at: Float64) -> Float64:
-    """Flexion [rad]: little in stance, most before the leg passes the other one."""
-    away = np.abs((at - 0.39 + 0.5) % 1.0 - 0.5)
-    bump = np.where(away < 0.2, np.cos(away / 0.2 * np.pi / 2) ** 2, 0.0)
-    return np.asarray(np.radians(5 + 47 * bump), np.float64)
-
-
-def _sole(down_rad: Array, height_m: float) -> Float64:
-    """From ankle to the tip of the sole (N, 3), for feet that point down by angles (N,)."""
-    forward, below = 0.72 * FOOT * height_m, ANKLE * height_m
-    cos, sin = np.cos(down_rad), np.sin(down_rad)
-    return np.asarray(np.column_stack([forward * cos - below * sin, 0 * cos, -forward * sin - below * cos]), np.float64)
 
 
 _CHILDREN: Final = 0.12  # Share of pedestrians
@@ -245,7 +220,17 @@ def make_pedestrian(draw: np.random.Generator) -> Body:
     child = draw.random() < _CHILDREN
     height = float(draw.uniform(1.12, 1.42) if child else np.clip(draw.normal(1.70, 0.085), 1.5, 1.92))
     looks = draw_appearance(draw, 1.2 if child else 1.0)
-    extras = _draw_extras(draw, child, looks)
+    hat, coat, long, pack, bag = (float(draw.random()) for _ in range(5))
+    cloth = Skin("cloth", pick(draw, TOPS))
+    is_coat, has_pack = coat < 0.18, pack < (0.45 if child else 0.22)
+    extras = Extras(
+        hat=cloth if hat < 0.18 and not has_pack else None,
+        coat=looks.top if is_coat else cloth if coat < 0.32 else None,
+        hem=(0.35 if is_coat else 0.7) + 0.35 * long,
+        from_chest=is_coat,
+        backpack=Skin("cloth", pick(draw, TOPS)) if has_pack else None,
+        bag=Skin("cloth", pick(draw, TROUSERS)) if bag < 0.25 and not child and not has_pack else None,
+    )
     walk = Walk(height, stride_rad=float(draw.uniform(0.29, 0.36)), arm_rad=float(draw.uniform(0.15, 0.32)),
                 lean_rad=float(draw.uniform(0.0, 0.06)), breadth=float(draw.uniform(0.95, 1.12)))  # fmt: skip
     poses = [walk_pose(walk, i / NUM_PHASES) for i in range(NUM_PHASES)]
@@ -266,67 +251,29 @@ def draw_appearance(draw: np.random.Generator, head: float = 1.0) -> Appearance:
     )  # fmt: skip
 
 
-def _draw_extras(draw: np.random.Generator, child: bool, looks: Appearance) -> Extras:
-    hat, coat, long, pack, bag = (float(draw.random()) for _ in range(5))
-    cloth = Skin("cloth", pick(draw, TOPS))
-    is_coat, has_pack = coat < 0.18, pack < (0.45 if child else 0.22)
-    return Extras(
-        hat=cloth if hat < 0.18 and not has_pack else None,
-        coat=looks.top if is_coat else cloth if coat < 0.32 else None,
-        hem=(0.35 if is_coat else 0.7) + 0.35 * long,
-        from_chest=is_coat,
-        backpack=Skin("cloth", pick(draw, TOPS)) if has_pack else None,
-        bag=Skin("cloth", pick(draw, TROUSERS)) if bag < 0.25 and not child and not has_pack else None,
-    )
-
-
 def _extras(at: Pose, looks: Appearance, extras: Extras) -> list[Mesh]:
-    parts = []
+    parts, h = [], at.height_m
     if extras.hat is not None:
-        parts.append(_hat(at, looks, extras.hat))
-    if extras.coat is not None:
-        parts.append(_coat(at, looks, extras, extras.coat))
+        angle = np.arange(8) * (np.pi / 4) + np.pi / 8
+        half = ((0.07, 0.024), (0.052, 0.03), (0.047, 0.062), (0.03, 0.076))
+        rows = [np.column_stack([1.15 * r * np.cos(angle) + 0.004, r * np.sin(angle), np.full(8, z)]) for r, z in half]
+        parts.append(shell(at.head + h * looks.head * np.stack(rows), np.zeros((3, 8), int), [extras.hat]))
+    if extras.coat is not None:  # from waist or chest down over both thighs, as wide as the step
+        thighs = at.hips + extras.hem * (at.knees - at.hips)
+        hem, apart = thighs.mean(0), abs(thighs[0, 0] - thighs[1, 0]) / 2
+        top = at.pelvis + (0.8 if extras.from_chest else 0.35) * (at.neck - at.pelvis)
+        middles = np.stack([top, at.pelvis + 0.1 * (at.neck - at.pelvis), hem])
+        wide = np.array([0.105 if extras.from_chest else 0.088, 0.108, 0.112]) * h * (0.4 + 0.6 * looks.girth)
+        deep = np.array([0.074, 0.078, 0.066]) * h * looks.girth + np.array([0, 0, apart])
+        parts.append(shell(rings(middles, wide, deep, at, 10)[::-1], np.zeros((2, 10), int), [extras.coat]))
     if extras.backpack is not None:
-        parts.append(_backpack(at, looks, extras.backpack))
-    if extras.bag is not None:
-        parts.append(_bag(at, extras.bag))
+        forward, _, up = upright(at)
+        middle = 0.35 * at.pelvis + 0.65 * at.neck - (0.055 * looks.girth + 0.045) * h * forward
+        wide, deep = np.array([0.05, 0.078, 0.074, 0.035]) * h, np.array([0.04, 0.055, 0.045, 0.025]) * h
+        levels = middle + 0.125 * h * np.array([-1.0, -0.8, 0.6, 1.0])[:, None] * up
+        parts.append(shell(rings(levels, wide, deep, at, 6), np.zeros((3, 6), int), [extras.backpack]))
+    if extras.bag is not None:  # hangs from the right hand
+        hand = at.wrists[1] + np.array([0.0, 0, -0.07]) * h
+        path = np.stack([hand, hand - np.array([0, 0, 0.03]) * h, hand - np.array([0, 0, 0.15]) * h])
+        parts.append(tube(path, np.array([(0.008, 0.02), (0.028, 0.085), (0.036, 0.1)]) * h, 4, [extras.bag]))
     return parts
-
-
-def _hat(at: Pose, looks: Appearance, skin: Skin) -> Mesh:
-    h = at.height_m * looks.head
-    levels = np.array([0.024, 0.03, 0.062, 0.076])
-    half = np.array([0.07, 0.052, 0.047, 0.03])
-    angle = np.arange(8) * (np.pi / 4) + np.pi / 8
-    ring = np.stack([np.column_stack([1.15 * r * np.cos(angle) + 0.004, r * np.sin(angle), np.full(8, z)])
-                     for r, z in zip(half, levels, strict=True)])  # fmt: skip
-    return shell(at.head + h * ring, np.zeros((3, 8), int), [skin])
-
-
-def _coat(at: Pose, looks: Appearance, extras: Extras, skin: Skin) -> Mesh:
-    """A skirt or coat: from waist or chest down over both thighs, as wide as the step."""
-    h, g = at.height_m, looks.girth
-    thighs = at.hips + extras.hem * (at.knees - at.hips)
-    hem, apart = thighs.mean(0), abs(thighs[0, 0] - thighs[1, 0]) / 2
-    top = at.pelvis + (0.8 if extras.from_chest else 0.35) * (at.neck - at.pelvis)
-    middles = np.stack([top, at.pelvis + 0.1 * (at.neck - at.pelvis), hem])
-    wide = np.array([0.105 if extras.from_chest else 0.088, 0.108, 0.112]) * h * (0.4 + 0.6 * g)
-    deep = np.array([0.074, 0.078, 0.066]) * h * g + np.array([0, 0, apart])
-    return shell(rings(middles, wide, deep, at, 10)[::-1], np.zeros((2, 10), int), [skin])
-
-
-def _backpack(at: Pose, looks: Appearance, skin: Skin) -> Mesh:
-    forward, _, up = upright(at)
-    h = at.height_m
-    middle = 0.35 * at.pelvis + 0.65 * at.neck - (0.055 * looks.girth + 0.045) * h * forward
-    share = np.array([-1.0, -0.8, 0.6, 1.0])
-    wide, deep = np.array([0.05, 0.078, 0.074, 0.035]) * h, np.array([0.04, 0.055, 0.045, 0.025]) * h
-    return shell(rings(middle + 0.125 * h * share[:, None] * up, wide, deep, at, 6), np.zeros((3, 6), int), [skin])
-
-
-def _bag(at: Pose, skin: Skin) -> Mesh:
-    """A bag that hangs from the right hand."""
-    h = at.height_m
-    hand = at.wrists[1] + np.array([0.0, 0, -0.07]) * h
-    path = np.stack([hand, hand - np.array([0, 0, 0.03]) * h, hand - np.array([0, 0, 0.15]) * h])
-    return tube(path, np.array([(0.008, 0.02), (0.028, 0.085), (0.036, 0.1)]) * h, 4, [skin])

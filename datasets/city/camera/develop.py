@@ -2,11 +2,11 @@
 
 import math
 
-import cv2
 import numpy as np
 
 from fbench.datasets.city.camera.sky import Light
-from fbench.datasets.city.instant import EGO, Instant
+from fbench.datasets.city.instant import EGO
+from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import CameraSpec
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Float32, Float64
@@ -17,9 +17,8 @@ SHRINK = 4  # Glare is smooth: it is computed at a quarter of the image's width 
 
 
 def glare_of(image: Float32, radius_px: float) -> Float32:
-    """Return what is brighter than white (1) in an image (H, W, 3), spread around: (H/4, W/4, 3), rounded up.
-
-    A narrow halo holds most of it, a wide one the rest.
+    """Return what is brighter than white (1) in an image (H, W, 3), spread around: (H/4, W/4, 3), rounded up. A narrow
+    halo holds most of it, a wide one the rest.
     """
     over, found = _excess(image)
     if not found:
@@ -95,15 +94,6 @@ def linear(toned: Array) -> Float64:
     return np.where(x < _KNEE, x, _KNEE - (1 - _KNEE) * np.log1p(-over))
 
 
-def average_samples(first: Float32, more: Float32, pixels: Array) -> None:
-    """Average further samples (n E, 3) of some pixels (E,) into the first ones, in place."""
-    each = more.reshape(len(pixels), -1, 3)
-    total = first[pixels]
-    for k in range(each.shape[1]):
-        total += each[:, k]
-    first[pixels] = total / np.float32(1 + each.shape[1])
-
-
 def develop(light_in: Float32, spec: CameraSpec, light: Light, rng: np.random.Generator) -> Array:
     """Return the image (H, W, 3) uint8 of linear light (H, W, 3)."""
     glare = glare_of(light_in, float(spec.model().K[0, 0]) / 60)
@@ -112,12 +102,6 @@ def develop(light_in: Float32, spec: CameraSpec, light: Light, rng: np.random.Ge
     sigma = spec.noise / slope * light.noise_gain**0.5
     curve = (255 * tone(np.arange(_STEPS + 2) * (_CURVE_END / _STEPS))).astype(np.float32)
     return _expose(light_in, glare, noise, curve, sigma, spec.vignetting)
-
-
-def jpeg(rgb: Array, quality: int) -> bytes:
-    """Encode an image (H, W, 3)."""
-    _, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return bytes(data.tobytes())
 
 
 @kernel
@@ -177,9 +161,8 @@ _LIGHT = 0.95  # A drop shows nearly all that is in front of it, most of it sky 
 
 
 def add_streaks(linear: Float32, now: Instant, model: CameraModel, light: Light) -> None:
-    """Draw the drops of an instant over the light (H, W, 3) of an image, in place.
-
-    Drops belong to the instant, not to the camera: both of a stereo pair show the same ones.
+    """Draw the drops of an instant over the light (H, W, 3) of an image, in place. Drops belong to the instant, not to
+    the camera: both of a stereo pair show the same ones.
     """
     rain_mm_h = now.weather.rain_mm_h
     if rain_mm_h <= 0:

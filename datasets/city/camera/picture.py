@@ -5,34 +5,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.camera.develop import add_streaks, average_samples, develop, jpeg, mean_across
+from fbench.datasets.city.camera.develop import add_streaks, develop, mean_across
 from fbench.datasets.city.camera.samples import Eye, HitArrays, Samples, first_samples, more_samples
 from fbench.datasets.city.camera.shade import Scene, lamps_of, radiances
 from fbench.datasets.city.camera.sky import hash_noise, light_of
 from fbench.datasets.city.camera.surfaces import WETTABLE, surfaces_of
-from fbench.datasets.city.instant import MISS, BodyStates, Hits, Instant, RayCaster, Rays
+from fbench.datasets.city.instant import MISS, BodyStates, Hits, Rays
+from fbench.datasets.city.rays.caster import EmbreeCaster, Instant
 from fbench.datasets.city.rig import CameraSpec
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
+from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image
 from fbench.replay.geometry.kernels import kernel
 
 NOTHING = np.zeros((0, 4), np.float32)  # What dry ground mirrors
-_RANGE_M = 200.0
-_SLOPE = 0.035  # By how much the slope of the film of water differs from place to place, chosen by eye
-_PLACES_PER_M = 60.0
-_BRIGHTEST = 4.0
+_RANGE_M, _BRIGHTEST, _LEAST = 200.0, 4.0, 1e-3
+_SLOPE, _PLACES_PER_M = 0.035, 60.0
+"""By how much the slope of the film of water differs from place to place, chosen by eye."""
 _ASIDE_PX, _UPRIGHT_PX = 1, 5
 """How far mirrored light is spread twice, in pixels of half resolution: rough ground draws mirror images out."""
-_LEAST = 1e-3
 
 
-def mirrored_samples(
-    caster: RayCaster, states: BodyStates, samples: Samples, width: int
+def mirror_samples(
+    caster: EmbreeCaster, states: BodyStates, samples: Samples, width: int
 ) -> tuple[Samples, Int64] | None:
-    """Return what every other wet pixel of every other row of an image mirrors, and which pixels (M,); or nothing.
-
-    It is told as if it were seen from the camera through the ground.
+    """Return what every other wet pixel of every other row of an image mirrors, and which pixels (M,); or nothing. It
+    is given as if it were seen from the camera through the ground.
     """
     origin = samples.rays.origin_m[0]
     index, start, direction = _reflect(samples.arrays, origin, WETTABLE, width)
@@ -143,13 +142,6 @@ _SAME_WAY, _APART_M, _APART = 0.93, 0.05, 0.003
 """Cosine between normals of one surface; how far, and how far a meter of range, hits lie off its plane."""
 
 
-def edge_pixels(samples: Samples, linear: Float32, width: int) -> Int64:
-    """Indices of pixels that don't show the same surface, in the same light, as a neighbor below, above or beside, and
-    differ from it in their light (N, 3) so that one can see it.
-    """
-    return np.flatnonzero(_edges(samples.arrays, linear, width))
-
-
 def jitter(uv: Float32, pixels: Int64, width: int) -> Float32:
     """Places (2 E, 2) of the further rays: those of the first pixel, of the second ...; on one diagonal or, in every
     other pixel, the other, so that no direction of edges is worse than others.
@@ -162,6 +154,9 @@ def jitter(uv: Float32, pixels: Int64, width: int) -> Float32:
 
 @kernel
 def _edges(hits: HitArrays, linear: Float32, width: int) -> Bool:
+    """Return which pixels (N,) don't show the same surface, in the same light, as a neighbor below, above or beside,
+    and differ from it in their light (N, 3) so that one can see it.
+    """
     body, triangle, material, lit = hits.body, hits.triangle, hits.material, hits.lit
     range_m, normal, direction = hits.range_m, hits.normal, hits.direction
     edges = np.zeros(len(body), np.bool_)
@@ -177,7 +172,7 @@ def _edges(hits: HitArrays, linear: Float32, width: int) -> Bool:
 
 @kernel
 def _bends(range_m: Array, normal: Array, direction: Array, i: int, j: int) -> bool:
-    """Tell whether two hits don't lie in one plane."""
+    """Return whether two hits don't lie in one plane."""
     turn, apart = 0.0, 0.0
     for axis in range(3):
         turn += normal[i, axis] * normal[j, axis]
@@ -208,55 +203,35 @@ class Picture:
 
 
 def picture(now: Instant, spec: CameraSpec) -> Picture:
-    """Take an image: one ray through the center of each pixel, more where edges need it.
-
-    The camera's coordinates are x right, y down, z forward. The noise is its own; the rest is the same for all cameras.
+    """Take an image: one ray through the center of each pixel, more where edges need it. The camera's coordinates are x
+    right, y down, z forward. The noise is its own; the rest is the same for all cameras.
     """
     light, model = light_of(now.weather), spec.model()
     caster, states, eye = now.caster, now.states, Eye(model, now.world_T_sensor)
     lamps = lamps_of(caster.actors, states, now.street_lamps_m, light)
-    scene = Scene(
-        light,
-        surfaces_of(caster, states, light),
-        lamps,
-        1 / float(model.K[0, 0]),
-        int(generator(now.seed, "camera", "clouds").integers(1 << 30)),
-    )
+    salt = int(generator(now.seed, "camera", "clouds").integers(1 << 30))
+    scene = Scene(light, surfaces_of(caster, states, light), lamps, 1 / float(model.K[0, 0]), salt)
     uv = eye.pixels()
     samples = first_samples(caster, states, eye, uv, light)
     width, height = spec.size_wh
-    linear = _antialias(caster, states, eye, uv, samples, scene).reshape(height, width, 3)
+    mirror = NOTHING  # what wet ground mirrors
+    if light.wet > 0 and (reflected := mirror_samples(caster, states, samples, width)) is not None:
+        mirror = spread_mirrored(radiances(reflected[0], scene, NOTHING), reflected[1], spec.size_wh)
+    linear = radiances(samples, scene, mirror)
+    pixels = np.flatnonzero(_edges(samples.arrays, linear, width))
+    if len(pixels):
+        more = more_samples(caster, states, eye, jitter(uv, pixels, width), light, samples, pixels)
+        there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror
+        others, total = radiances(more, scene, there).reshape(len(pixels), -1, 3), linear[pixels]
+        for k in range(others.shape[1]):
+            total += others[:, k]
+        linear[pixels] = total / np.float32(1 + others.shape[1])
+    linear = linear.reshape(height, width, 3)
     add_streaks(linear, now, model, light)
     rgb = develop(linear, spec, light, now.generator("camera"))
-    image = Image(now.sensor, now.stamp_ns, now.log_ns, jpeg(rgb, spec.jpeg_quality), "jpeg", spec.size_wh)
-    return _with_truth(image, rgb, samples, eye.depth_m(uv, samples.hits.range_m))
-
-
-def _antialias(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, samples: Samples, scene: Scene) -> Float32:
-    """Linear light (N, 3) of all pixels, at edges averaged over several rays."""
-    mirror = _mirror(caster, states, eye, samples, scene)
-    linear = radiances(samples, scene, mirror)
-    width = eye.model.size_wh[0]
-    pixels = edge_pixels(samples, linear, width)
-    if len(pixels):
-        more = more_samples(caster, states, eye, jitter(uv, pixels, width), scene.light, samples, pixels)
-        there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror
-        average_samples(linear, radiances(more, scene, there), pixels)
-    return linear
-
-
-def _mirror(caster: RayCaster, states: BodyStates, eye: Eye, samples: Samples, scene: Scene) -> Float32:
-    """What wet ground mirrors (N, 4), or nothing (0, 4) where it is dry."""
-    found = mirrored_samples(caster, states, samples, eye.model.size_wh[0]) if scene.light.wet > 0 else None
-    if found is None:
-        return NOTHING
-    seen, index = found
-    return spread_mirrored(radiances(seen, scene, NOTHING), index, eye.model.size_wh)
-
-
-def _with_truth(image: Image, rgb: Array, samples: Samples, depth_m: Float32) -> Picture:
-    width, height = image.size_wh
-    hits = samples.hits
+    data = encode_jpeg(rgb[..., ::-1], spec.jpeg_quality)
+    image = Image(now.sensor, now.stamp_ns, now.log_ns, data, "jpeg", spec.size_wh)
+    hits, depth_m = samples.hits, eye.depth_m(uv, samples.hits.range_m)
     return Picture(
         image, rgb, depth_m.reshape(height, width), hits.body.reshape(height, width),
         samples.material.reshape(height, width), hits.normal.reshape(height, width, 3), hits.alone,

@@ -7,56 +7,51 @@ from typing import NamedTuple
 import numpy as np
 
 from fbench.datasets.city.camera.sky import Light
-from fbench.datasets.city.instant import MISS, BodyStates, Hits, RayCaster, Rays
+from fbench.datasets.city.instant import MISS, BodyStates, Hits, Rays
+from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.geometry.kernels import kernel
 
-_RANGE_M = 250.0
+RANGE_M, _SUN_RANGE_M = 1_500.0, 250.0
 _WEAK = 0.02  # Sunlight as a share of the sky's that nobody sees
-_MOST_SAME = 2  # So many neighbors on the same triangle decide for a pixel
+_MOST_SAME = 2  # So many neighbors on the same triangle decide for a pixel, and one for a further ray
+_NONE = np.zeros(0, np.int64)
 
 
-def sunlit_pixels(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int) -> Bool:
-    """Tell on which of the pixels (N,) of a whole image, row by row, the sun shines.
-
-    Every other pixel is asked, like the white fields of a chessboard, and those between whose neighbors on the same
-    triangle don't agree: what is missed is smaller than a pixel.
-    """
-    lit = np.zeros(len(hits.body), bool)
-    if light.direct[1] < _WEAK * light.ambient[1]:
-        return lit
-    facing = _facing(hits.body, hits.normal, np.array(light.sun))
-    _ask(caster, states, rays, hits, light, _white(facing, width), lit)
-    _ask(caster, states, rays, hits, light, _unsure(facing, hits.body, hits.triangle, lit, width), lit)
-    return lit
-
-
-def sunlit_between(
-    caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, first: Hits, first_lit: Bool,
-    pixels: Int64, width: int,
+def find_sunlit(
+    caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int,
+    first: tuple[Hits, Bool, Int64] | None = None,
 ) -> Bool:  # fmt: skip
-    """Tell where further rays, as many of each of `pixels` (E,), meet sunlight; `first` are the hits of the image.
+    """Return on which of the pixels (N,) of a whole image, row by row, the sun shines. Every other pixel is asked, like
+    the white fields of a chessboard, and those between whose neighbors on the same triangle don't agree: what is missed
+    is smaller than a pixel.
 
-    What lies on the same triangle as pixels around, all in the same light, has it too.
+    With `first`, the hits of the image and where the sun shines on them, return it of further rays, as many of each of
+    its pixels (E,): what lies on the same triangle as pixels around, all in the same light, has it too.
     """
     lit = np.zeros(len(hits.body), bool)
     if light.direct[1] < _WEAK * light.ambient[1]:
         return lit
     facing = _facing(hits.body, hits.normal, np.array(light.sun))
-    unsure = _unsure_between(
-        facing, hits.body, hits.triangle, lit, first.body, first.triangle, first_lit, pixels, width
-    )
+    if first is None:
+        white = np.add.outer(np.arange(len(lit) // width), np.arange(width)).ravel() % 2 == 0
+        _ask(caster, states, rays, hits, light, np.flatnonzero(facing & white), lit)
+        first = hits, lit, _NONE
+    image, image_lit, pixels = first
+    unsure = _unsure(facing, hits.body, hits.triangle, lit, image.body, image.triangle, image_lit, pixels, width)
     _ask(caster, states, rays, hits, light, unsure, lit)
     return lit
 
 
-def _ask(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, index: Int64, lit: Bool) -> None:
+def _ask(
+    caster: EmbreeCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, index: Int64, lit: Bool
+) -> None:
     """Write of some hits whether anything is between them and the sun."""
     if len(index):
         start = _just_above(rays.origin_m[0], rays.direction, hits.range_m, hits.normal, index)
         toward = np.repeat(np.array([light.sun], np.float32), len(index), axis=0)
-        lit[index] = ~caster.is_blocked(Rays(start, toward, _RANGE_M), states)
+        lit[index] = ~caster.is_blocked(Rays(start, toward, _SUN_RANGE_M), states)
 
 
 @kernel
@@ -69,64 +64,32 @@ def _facing(body: Array, normal: Float32, sun: Float64) -> Bool:
 
 
 @kernel
-def _white(facing: Bool, width: int) -> Int64:
-    """Indices of the white fields that face the sun."""
-    index, num = np.empty(len(facing), np.int64), 0
-    for i in range(len(facing)):
-        if facing[i] and (i // width + i % width) % 2 == 0:
-            index[num] = i
-            num += 1
-    return index[:num]
-
-
-@kernel
-def _unsure(facing: Bool, body: Array, triangle: Array, lit: Bool, width: int) -> Int64:
-    """Write what the neighbors of black fields agree on; returns those where they don't."""
-    index, num = np.empty(len(facing), np.int64), 0
-    for i in range(len(facing)):
-        if not facing[i] or (i // width + i % width) % 2 == 0:
-            continue
-        same, bright = 0, 0
-        for j in (i - width, i - 1, i + 1, i + width):
-            if _is_there(i, j, len(body), width) and body[j] == body[i] and triangle[j] == triangle[i]:
-                same += 1
-                bright += lit[j]
-        if same >= _MOST_SAME and (bright == 0 or bright == same):
-            lit[i] = bright > 0
-        else:
-            index[num] = i
-            num += 1
-    return index[:num]
-
-
-@kernel
-def _unsure_between(
+def _unsure(
     facing: Bool, body: Array, triangle: Array, lit: Bool, first_body: Array, first_triangle: Array, first_lit: Bool,
     pixels: Int64, width: int,
 ) -> Int64:  # fmt: skip
-    """The same for further rays, with all pixels around."""
+    """Write what those around agree on; returns those where they don't: of the image, where there are no `pixels`, the
+    black fields with their white neighbors; of further rays, all with the pixel that they are of and those around it.
+    """
     index, num, each = np.empty(len(facing), np.int64), 0, len(facing) // max(1, len(pixels))
+    of_image = len(pixels) == 0
     for k in range(len(facing)):
-        if not facing[k]:
+        i = k if of_image else pixels[k // each]
+        if not facing[k] or (of_image and (i // width + i % width) % 2 == 0):
             continue
-        same, bright, i = 0, 0, pixels[k // each]
+        same, bright = 0, 0
         for j in (i - width, i - 1, i, i + 1, i + width):
-            there = _is_there(i, j, len(first_body), width)
+            other_row = (j == i - 1 and i % width == 0) or (j == i + 1 and j % width == 0)
+            there = 0 <= j < len(first_body) and not other_row and not (of_image and j == i)
             if there and first_body[j] == body[k] and first_triangle[j] == triangle[k]:
                 same += 1
                 bright += first_lit[j]
-        if same > 0 and (bright == 0 or bright == same):
+        if same >= (_MOST_SAME if of_image else 1) and (bright == 0 or bright == same):
             lit[k] = bright > 0
         else:
             index[num] = k
             num += 1
     return index[:num]
-
-
-@kernel
-def _is_there(i: int, j: int, num: int, width: int) -> bool:
-    """Tell whether the pixel `j` after, before, above or below `i` is in the image, not at the other end of a row."""
-    return 0 <= j < num and not (j == i - 1 and i % width == 0) and not (j == i + 1 and j % width == 0)
 
 
 @kernel
@@ -139,9 +102,6 @@ def _just_above(origin: Float64, direction: Float32, range_m: Float32, normal: F
         for axis in range(3):
             start[n, axis] = origin[axis] + direction[i, axis] * np.float64(range_m[i]) + lift * normal[i, axis]
     return start
-
-
-RANGE_M = 1_500.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,22 +159,21 @@ class Samples:
                          self.lit)  # fmt: skip
 
 
-def first_samples(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light) -> Samples:
+def first_samples(caster: EmbreeCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light) -> Samples:
     """Look through all pixels (N, 2), row by row."""
     rays = Rays(eye.world_T_camera[None, :3, 3], eye.directions(uv), RANGE_M)
     hits = caster.cast(rays, states)
-    lit = sunlit_pixels(caster, states, rays, hits, light, eye.model.size_wh[0])
+    lit = find_sunlit(caster, states, rays, hits, light, eye.model.size_wh[0])
     return Samples(rays, hits, caster.material(hits, states), caster.smooth_normals(rays, hits, states), lit)
 
 
 def more_samples(
-    caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light, first: Samples, pixels: Int64
+    caster: EmbreeCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light, first: Samples, pixels: Int64
 ) -> Samples:
     """Look through further places (n E, 2), n in each of `pixels` (E,)."""
     rays = Rays(first.rays.origin_m, eye.directions(uv), RANGE_M)
     hits = caster.cast(rays, states)
-    width = eye.model.size_wh[0]
-    lit = sunlit_between(caster, states, rays, hits, light, first.hits, first.lit, pixels, width)
+    lit = find_sunlit(caster, states, rays, hits, light, eye.model.size_wh[0], (first.hits, first.lit, pixels))
     return Samples(rays, hits, caster.material(hits, states), caster.smooth_normals(rays, hits, states), lit)
 
 

@@ -5,21 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fbench.datasets.city.camera import surfaces as looks
 from fbench.datasets.city.camera.samples import HitArrays, Samples
 from fbench.datasets.city.camera.sky import DAYLIGHT_LUX, Light, Rgb, plain_sky, sky
-from fbench.datasets.city.camera.surfaces import (
-    EMITS,
-    GLOSS,
-    RETRO,
-    TEXTURES,
-    WETTABLE,
-    Grid,
-    Surfaces,
-    cell_of,
-    colors,
-    grid_around,
-    patterns,
-)
+from fbench.datasets.city.camera.surfaces import EMITS, GLOSS, RETRO, TEXTURES, WETTABLE, Grid, Surfaces, cell_of
 from fbench.datasets.city.instant import EGO, MISS, BodyStates
 from fbench.datasets.city.mesh import Actor
 from fbench.replay.data.arrays import Array, Float32, Float64
@@ -58,7 +47,7 @@ def lamps_of(actors: tuple[Actor, ...], states: BodyStates, street_lamps_m: Floa
     middle = position[:, :2] + np.concatenate([np.zeros((len(street), 2)), heading * _BEAM_DISC_M])
     radius = np.repeat([_STREET_REACH_M, _BEAM_DISC_M], [len(street), len(cars)])
     ego = states.position_m[EGO]
-    near = grid_around(float(ego[0]), float(ego[1]), middle, radius)
+    near = looks.grid_around(float(ego[0]), float(ego[1]), middle, radius)
     return Lamps(position, np.concatenate([np.zeros((len(street), 2)), heading]), near)
 
 
@@ -187,19 +176,17 @@ class Scene(NamedTuple):
 
 
 def radiances(samples: Samples, scene: Scene, mirror: Float32) -> Float32:
-    """Return how bright (N, 3) samples are in the image, linear; white is 1.
-
-    `mirror` (N, 4) is what wet ground mirrors, in the same unit, and whether that is known; (0, 4): nowhere.
+    """Return how bright (N, 3) samples are in the image, linear; white is 1. `mirror` (N, 4) is what wet ground
+    mirrors, in the same unit, and whether that is known; (0, 4): nowhere.
     """
     hits, origin = samples.arrays, samples.rays.origin_m[0]
-    albedo, shine = colors(scene.surfaces, hits, EMITS)
-    factor = patterns(hits, origin, scene.surfaces.place, scene.pixel_rad, TEXTURES)
+    albedo, shine = looks.colors(scene.surfaces, hits, EMITS)
+    factor = looks.patterns(hits, origin, scene.surfaces.place, scene.pixel_rad, TEXTURES)
     light_on = daylight(hits, origin, scene.light, scene.surfaces)
     if scene.light.is_dark:
         add_lamplight(light_on, hits, origin, scene.lamps)
-    return _radiances(
-        hits, albedo, shine, factor, light_on, mirror, scene.light, scene.salt, _TABLE, scene.surfaces.place[0]
-    )
+    ego = scene.surfaces.place[0]
+    return _radiances(hits, albedo, shine, factor, light_on, mirror, scene.light, scene.salt, _TABLE, ego)
 
 
 @kernel
@@ -219,7 +206,7 @@ def _radiances(
             wet = light.wet * table[m, 2] * max(0.0, n[2])
             own = float(shine[i])
             if light.is_dark:
-                own += table[m, 1] * _returned(r * (x * ego[3] + y * ego[4]), r * (y * ego[3] - x * ego[4]))
+                own += table[m, 1] * _retroreflection(r * (x * ego[3] + y * ego[4]), r * (y * ego[3] - x * ego[4]))
             level = factor[i] * (1 - _WET_DARKER * wet)
             color = (albedo[i, 0] * (light_on[i, 0] * level + own), albedo[i, 1] * (light_on[i, 1] * level + own),
                      albedo[i, 2] * (light_on[i, 2] * level + own))  # fmt: skip
@@ -247,27 +234,23 @@ def _blend(a: Rgb, b: Rgb, share: float) -> Rgb:
 
 @kernel
 def _gloss(light: Light, gloss: float, wet: float, ray: Rgb, n: Rgb, lit: bool) -> tuple[float, Rgb]:
-    """Return which share a smooth surface mirrors (Schlick), and what; wet ground is rough."""
+    """Return which share a smooth surface mirrors (Schlick), and what: sky, houses near the horizon, the road below it;
+    and the sun. Wet ground is rough.
+    """
     facing = max(0.02, -(ray[0] * n[0] + ray[1] * n[1] + ray[2] * n[2]))
     share = gloss + (1 - gloss) * (1 - facing) ** 5 * (0.8 if wet == 0 else 0.6 * wet)
     x, y, z = ray[0] + 2 * facing * n[0], ray[1] + 2 * facing * n[1], ray[2] + 2 * facing * n[2]
-    return share, _mirror(light, x, y, z, lit)
-
-
-@kernel
-def _returned(ahead_m: float, aside_m: float) -> float:
-    """Luminance with which reflectors send back the own headlights."""
-    if ahead_m < 1 or abs(aside_m) > ahead_m:
-        return 0.0
-    return float(0.0007 * (1 - (aside_m / ahead_m) ** 2) ** 3 / (1 + (ahead_m / 15) ** 2))
-
-
-@kernel
-def _mirror(light: Light, x: float, y: float, z: float, lit: bool) -> Rgb:
-    """What a smooth surface mirrors from a direction: sky, houses near the horizon, the road below it; and the sun."""
     open_sky = min(1.0, max(0.0, (z + 0.02) / 0.3))
     ground = (light.ambient[1] + light.direct[1] * max(0.0, light.sun[2])) * GROUND * 0.8
     red, green, blue = _blend((ground, ground, ground), plain_sky(light, x, y, z), open_sky)
     toward = x * light.sun[0] + y * light.sun[1] + z * light.sun[2]
     shine = 25.0 * ((toward - 0.97) / 0.03) ** 6 if lit and toward > 0.97 else 0.0
-    return red + shine * light.direct[0], green + shine * light.direct[1], blue + shine * light.direct[2]
+    return share, (red + shine * light.direct[0], green + shine * light.direct[1], blue + shine * light.direct[2])
+
+
+@kernel
+def _retroreflection(ahead_m: float, aside_m: float) -> float:
+    """Luminance with which reflectors send back the own headlights."""
+    if ahead_m < 1 or abs(aside_m) > ahead_m:
+        return 0.0
+    return float(0.0007 * (1 - (aside_m / ahead_m) ** 2) ** 3 / (1 + (ahead_m / 15) ** 2))

@@ -10,23 +10,18 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from fbench.replay.conditions.weather import Weather, extinction_per_m
-from fbench.replay.data.arrays import Array, Float32
+from fbench.replay.data.arrays import Float32
 from fbench.replay.geometry.kernels import kernel
 
-_SIDE = 128  # After so many values smooth noise repeats itself; sums of octaves hide it
-_LAST = _SIDE - 1
-
-
-def _mixed(h: Array) -> Array:
-    """Turn whole numbers (N,) into others that look random."""
-    h = ((h ^ (h >> 15)) * 2246822519) & 0xFFFFFFFF
-    h = ((h ^ (h >> 13)) * 3266489917) & 0xFFFFFFFF
-    return np.asarray(h ^ (h >> 16))
+_SIDE, _LAST = 128, 127  # After so many values smooth noise repeats itself; sums of octaves hide it
 
 
 def _values() -> Float32:
-    number = _mixed(np.arange(1, _SIDE * _SIDE + 1, dtype=np.int64) * 73856093 & 0xFFFFFFFF)
-    return np.asarray((number & 0xFFFFFF) * (2.0 / 0xFFFFFF) - 1.0, np.float32)
+    """Whole numbers turned into others that look random, as in `hash_noise`: from -1 to 1."""
+    h = np.arange(1, _SIDE * _SIDE + 1, dtype=np.int64) * 73856093 & 0xFFFFFFFF
+    h = ((h ^ (h >> 15)) * 2246822519) & 0xFFFFFFFF
+    h = ((h ^ (h >> 13)) * 3266489917) & 0xFFFFFFFF
+    return np.asarray(((h ^ (h >> 16)) & 0xFFFFFF) * (2.0 / 0xFFFFFF) - 1.0, np.float32)
 
 
 _VALUES = _values()
@@ -69,6 +64,8 @@ def fractal_noise(u: float, v: float, octaves: int, salt: int) -> float:
 Rgb: TypeAlias = tuple[float, float, float]
 DAYLIGHT_LUX = 50_000.0
 _LIT_STREET_LUX = 12.0  # Illuminance of a lit street by night; EN 13201-2 asks 7.5 to 15 lx of residential roads
+_GLIMMER = 0.6 / DAYLIGHT_LUX  # What the lamps of a city make air and clouds shine with, by night
+_DISC = 0.99996  # Cosine of the sun's radius, half a degree
 _DARK_LUX, _DIM_LUX = 500.0, 2_000.0  # Below, street lamps shine; and vehicles have their lights on
 
 
@@ -102,8 +99,11 @@ def light_of(weather: Weather) -> Light:
     diffuse = total * (1 - share)
     azimuth, warm = radians(weather.sun_azimuth_deg), exp(-max(weather.sun_elevation_deg + 2, 0.0) / 9)
     tint = _mix((1.0, 1.0, 1.0), (0.80, 0.98, 1.25), clear)
-    exposure = (1 - 0.62 * math.exp(-(math.log10(max(weather.lux, 1e-3) / 150) ** 2))) * _exposure(
-        diffuse + 0.5 * direct * (0.4 + sin(max(elevation, 0.0)))
+    # To bring the illuminance of the scene, and of its street lamps by night, to about the same level in the image: a
+    # little less in little light, as cameras do. A function of the weather alone, so that stereo pairs agree.
+    illuminance = diffuse + 0.5 * direct * (0.4 + sin(max(elevation, 0.0)))
+    exposure = (1 - 0.62 * math.exp(-(math.log10(max(weather.lux, 1e-3) / 150) ** 2))) * (
+        1.15 * math.pow(illuminance + _LIT_STREET_LUX / DAYLIGHT_LUX, -0.90)
     )
     return Light(
         sun=(cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)),
@@ -123,9 +123,6 @@ def light_of(weather: Weather) -> Light:
     )
 
 
-_GLIMMER = 0.6 / DAYLIGHT_LUX  # What the lamps of a city make air and clouds shine with, by night
-
-
 def _clearness(weather: Weather, extinction: float) -> float:
     """How clear the sky is, 0 to 1, by how much light comes through: some 50,000 lx at 45 degrees, less when low."""
     height = max(sin(radians(weather.sun_elevation_deg)), 0.0) / sin(pi / 4)
@@ -135,23 +132,12 @@ def _clearness(weather: Weather, extinction: float) -> float:
     return (0.7 if below else share) * exp(-300 * max(0.0, extinction - 5e-4)) * (0.0 if weather.rain_mm_h > 0 else 1.0)
 
 
-def _exposure(illuminance: float) -> float:
-    """Bring the illuminance of the scene, and of its street lamps by night, to about the same level in the image.
-
-    A little less in little light, as cameras do. A function of the weather alone, so that stereo pairs agree.
-    """
-    return 1.15 * math.pow(illuminance + _LIT_STREET_LUX / DAYLIGHT_LUX, -0.90)
-
-
 def _mix(a: Rgb, b: Rgb, share: float) -> Rgb:
     return (a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share)
 
 
 def _times(color: Rgb, factor: float) -> Rgb:
     return (color[0] * factor, color[1] * factor, color[2] * factor)
-
-
-_DISC = 0.99996  # Cosine of the sun's radius, half a degree
 
 
 @kernel
@@ -171,8 +157,18 @@ def plain_sky(light: Light, x: float, y: float, z: float) -> Rgb:
 def sky(light: Light, x: float, y: float, z: float, salt: int) -> Rgb:
     """Return the luminance of the sky in a direction (unit vector); clouds are those of a salt."""
     red, green, blue = plain_sky(light, x, y, z)
-    if z > 0.01:
-        red, green, blue = _cover_with_clouds(light, red, green, blue, x, y, z, salt)
+    if z > 0.01:  # clouds
+        u, v = 1.1 * x / (z + 0.12), 1.1 * y / (z + 0.12)
+        density = 0.5 + 0.5 * fractal_noise(u, v, 5, salt) - (1 - light.clouds)
+        cover = min(1.0, max(0.0, density / 0.45)) * min(1.0, z * 12)
+        cover = cover * cover * (3 - 2 * cover) * (0.35 + 0.5 * sqrt(light.clouds))
+        shade = 1.0 - 0.28 * min(1.0, max(0.0, density))
+        white = 0.55 * light.direct[1] + 1.05 * light.ambient[1] + 0.3 * light.horizon[1]
+        warm = light.direct[0] / light.direct[1] if light.direct[1] > 0 else 1.0
+        cool = light.direct[2] / light.direct[1] if light.direct[1] > 0 else 1.0
+        red += cover * (white * shade * warm - red)
+        green += cover * (white * shade - green)
+        blue += cover * (white * shade * cool - blue)
     haze = exp(-max(z, 0.0) * (6.0 + 0.01 / light.extinction_per_m)) if light.extinction_per_m < 0.005 else 1.0
     red += (light.airlight[0] - red) * haze
     green += (light.airlight[1] - green) * haze
@@ -181,22 +177,3 @@ def sky(light: Light, x: float, y: float, z: float, salt: int) -> Rgb:
     if toward > _DISC and light.direct[1] > 0:
         red, green, blue = red + 90 * light.direct[0], green + 90 * light.direct[1], blue + 90 * light.direct[2]
     return red, green, blue
-
-
-@kernel
-def _cover_with_clouds(
-    light: Light, red: float, green: float, blue: float, x: float, y: float, z: float, salt: int
-) -> Rgb:
-    u, v = 1.1 * x / (z + 0.12), 1.1 * y / (z + 0.12)
-    density = 0.5 + 0.5 * fractal_noise(u, v, 5, salt) - (1 - light.clouds)
-    cover = min(1.0, max(0.0, density / 0.45)) * min(1.0, z * 12)
-    cover = cover * cover * (3 - 2 * cover) * (0.35 + 0.5 * sqrt(light.clouds))
-    shade = 1.0 - 0.28 * min(1.0, max(0.0, density))
-    white = 0.55 * light.direct[1] + 1.05 * light.ambient[1] + 0.3 * light.horizon[1]
-    warm = light.direct[0] / light.direct[1] if light.direct[1] > 0 else 1.0
-    cool = light.direct[2] / light.direct[1] if light.direct[1] > 0 else 1.0
-    return (
-        red + cover * (white * shade * warm - red),
-        green + cover * (white * shade - green),
-        blue + cover * (white * shade * cool - blue),
-    )

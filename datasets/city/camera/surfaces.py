@@ -12,13 +12,13 @@ import numpy as np
 
 from fbench.datasets.city.camera.samples import HitArrays
 from fbench.datasets.city.camera.sky import Light, hash_noise, value_noise
-from fbench.datasets.city.instant import BRAKE, EGO, MISS, BodyStates, RayCaster
+from fbench.datasets.city.instant import BRAKE, EGO, MISS, BodyStates
 from fbench.datasets.city.mesh import INDEX, MATERIALS
+from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.geometry.kernels import kernel
 
-_CELL_M = 4.0
-_CELLS = 80  # Along each side: 320 m
+_CELL_M, _CELLS = 4.0, 80  # Along each side: 320 m
 
 
 class Grid(NamedTuple):
@@ -35,9 +35,7 @@ def grid_around(x_m: float, y_m: float, center_m: Float64, radius_m: Float64) ->
     corner = (x_m - _CELLS * _CELL_M / 2, y_m - _CELLS * _CELL_M / 2)
     low = np.floor((center_m - corner - radius_m[:, None]) / _CELL_M).astype(np.int64)
     high = np.floor((center_m - corner + radius_m[:, None]) / _CELL_M).astype(np.int64)
-    low, high = np.clip(low, 0, _CELLS), np.clip(high, -1, _CELLS - 1)
-    start, items = _fill(low, high)
-    return Grid(corner[0], corner[1], start, items)
+    return Grid(*corner, *_fill(np.clip(low, 0, _CELLS), np.clip(high, -1, _CELLS - 1)))
 
 
 @kernel
@@ -64,15 +62,12 @@ def _fill(low: Array, high: Array) -> tuple[Array, Array]:
     return start, items
 
 
-GLOSS = np.array([material.gloss for material in MATERIALS])
-EMITS = np.array([material.emits for material in MATERIALS])
-RETRO = np.array([material.retro for material in MATERIALS])
+GLOSS, EMITS, RETRO = (np.array([getattr(m, name) for m in MATERIALS]) for name in ("gloss", "emits", "retro"))
 _SOAKS = ("asphalt", "marking", "sidewalk", "concrete", "soil", "grass")
 WETTABLE = np.array([1.0 if material.name in _SOAKS else 0.0 for material in MATERIALS])
 """(M,) of every material: share mirrored, luminance where it shines, what it returns to its source, whether rain makes
 it dark and shiny."""
-_BY_NIGHT = (INDEX["street_lamp"], INDEX["lit_window"])
-_LAMP_OFF = 0.35
+_BY_NIGHT, _LAMP_OFF = (INDEX["street_lamp"], INDEX["lit_window"]), 0.35
 _SHADOW_M = 1.2  # How far from a body the ground is a little darker
 
 
@@ -91,7 +86,7 @@ class Surfaces(NamedTuple):
     near: Grid  # Which bodies are near
 
 
-def surfaces_of(caster: RayCaster, states: BodyStates, light: Light) -> Surfaces:
+def surfaces_of(caster: EmbreeCaster, states: BodyStates, light: Light) -> Surfaces:
     """Gather all surfaces at an instant."""
     bodies = [actor.body for actor in caster.actors]
     meshes = [body.phases[body.mesh_at(float(phase))] for body, phase in zip(bodies, states.phase, strict=True)]
@@ -115,9 +110,8 @@ def surfaces_of(caster: RayCaster, states: BodyStates, light: Light) -> Surfaces
 
 @kernel
 def colors(surfaces: Surfaces, hits: HitArrays, emits: Array) -> tuple[Float32, Float32]:
-    """Return albedo or color of light (N, 3) of what was hit, and its luminance (N,) where it shines, else 0.
-
-    `emits` is `EMITS`. Lamps that are off are dark.
+    """Return albedo or color of light (N, 3) of what was hit, and its luminance (N,) where it shines, else 0. `emits`
+    is `EMITS`. Lamps that are off are dark.
     """
     body, triangle, material = hits.body, hits.triangle, hits.material
     static_color, static_lamp, color, lamp = surfaces.static_color, surfaces.static_lamp, surfaces.color, surfaces.lamp
@@ -181,10 +175,9 @@ _ROOT_OF_2 = math.sqrt(2)
 
 @kernel
 def patterns(hits: HitArrays, origin: Array, place: Array, size_px: float, table: Array) -> Float32:
-    """Return the factor (N,) on the albedo of each hit.
-
-    `place` (B, 5) is where bodies are: position, cosine and sine of yaw, with which their patterns move along; a pixel
-    in the middle of the image covers `size_px` [rad]; `table` is `TEXTURES`.
+    """Return the factor (N,) on the albedo of each hit. `place` (B, 5) is where bodies are: position, cosine and sine
+    of yaw, with which their patterns move along; a pixel in the middle of the image covers `size_px` [rad]; `table` is
+    `TEXTURES`.
     """
     range_m, body, direction, normal, material = hits.range_m, hits.body, hits.direction, hits.normal, hits.material
     result = np.ones(len(body), np.float32)
@@ -203,18 +196,14 @@ def patterns(hits: HitArrays, origin: Array, place: Array, size_px: float, table
             nx, ny = nx * place[b, 3] + ny * place[b, 4], ny * place[b, 3] - nx * place[b, 4]
             salt += 7919 * (b + 1)
         across = math.sqrt(nx * nx + ny * ny)
-        if across < 0.7:  # seen from above, else along a wall
-            result[i] = pattern(table, material[i], x, y, r * size_px, r * size_px / facing, salt)
-        else:
-            u = (nx * y - ny * x) / across
-            result[i] = pattern(table, material[i], u, z, r * size_px, r * size_px / facing, salt)
+        u, v = (x, y) if across < 0.7 else ((nx * y - ny * x) / across, z)  # seen from above, else along a wall
+        result[i] = pattern(table, material[i], u, v, r * size_px, r * size_px / facing, salt)
     return result
 
 
 @kernel
 def pattern(table: Array, row: int, u: float, v: float, minor_m: float, major_m: float, salt: int) -> float:
     """Return the factor on the albedo at place (u, v) [m] of a surface, of which a pixel covers `minor_m` x `major_m`.
-
     Surfaces of different salts have different patterns.
     """
     grain = _grain(table[row, _FINEST], u, v, minor_m, major_m, salt)

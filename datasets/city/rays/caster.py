@@ -1,6 +1,10 @@
-"""The ray caster on Embree, with a scene for the static world and one for each body's mesh, and its culling of rays."""
+"""The ray caster on Embree, with a scene for the static world and one for each body's mesh, its culling of rays, and
+the instants that sensors see through it.
+"""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -9,8 +13,11 @@ from embreex.rtcore import EmbreeDevice
 from fbench.datasets.city.instant import EGO, MISS, STATIC, BodyStates, Hits, Rays
 from fbench.datasets.city.mesh import Actor, Mesh, merge_meshes
 from fbench.datasets.city.rays.smooth import Scene, round_normals, rounding, unit_normals
+from fbench.replay.conditions.generators import generator
+from fbench.replay.conditions.weather import Weather
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.transforms import chain
 
 _MOST = 32  # Rays that follow each other and are tested together, at most
 _TOGETHER = 0.9  # Cosine of the angle within which they are: else rows of images would be torn at their ends
@@ -49,32 +56,21 @@ def cones_of_blocks(starts: Int64, origin_m: Float64, direction: Float32, offset
         if len(origin_m) == 1:
             block[0:3] = origin_m[0]
         else:
-            for axis in range(3):
-                block[axis] = _between(origin_m, axis, first, end)
-            block[3] = _farthest(origin_m, block, first, end)
+            for axis in range(3):  # the middle between the least and the most
+                least = most = origin_m[first, axis]
+                for k in range(first + 1, end):
+                    least, most = min(least, origin_m[k, axis]), max(most, origin_m[k, axis])
+                block[axis] = 0.5 * (least + most)
+            worst = 0.0
+            for k in range(first, end):
+                x, y, z = origin_m[k, 0] - block[0], origin_m[k, 1] - block[1], origin_m[k, 2] - block[2]
+                worst = max(worst, x * x + y * y + z * z)
+            block[3] = math.sqrt(worst)
         angle = _cone(direction, block, first, end)
         block[7], block[8] = math.cos(angle), math.sin(angle)
         for k in range(first, end if len(offset_s) else first):
             block[9] = max(block[9], abs(offset_s[k]))
     return blocks
-
-
-@kernel
-def _between(origin_m: Float64, axis: int, first: int, end: int) -> float:
-    """Return the middle between the least and the most."""
-    least = most = origin_m[first, axis]
-    for k in range(first + 1, end):
-        least, most = min(least, origin_m[k, axis]), max(most, origin_m[k, axis])
-    return float(0.5 * (least + most))
-
-
-@kernel
-def _farthest(origin_m: Float64, block: Float64, first: int, end: int) -> float:
-    worst = 0.0
-    for k in range(first, end):
-        x, y, z = origin_m[k, 0] - block[0], origin_m[k, 1] - block[1], origin_m[k, 2] - block[2]
-        worst = max(worst, x * x + y * y + z * z)
-    return math.sqrt(worst)
 
 
 @kernel
@@ -97,7 +93,7 @@ def _cone(direction: Float32, block: Float64, first: int, end: int) -> float:
 
 
 @kernel
-def _touched(blocks: Blocks, body: Float64, box: Float64, range_m: float) -> Int64:
+def _reach_body(blocks: Blocks, body: Float64, box: Float64, range_m: float) -> Int64:
     """Return the blocks of which a ray can touch the sphere about a body's box, wherever that is meanwhile."""
     cos, sin = math.cos(body[3]), math.sin(body[3])
     middle_x = body[0] + cos * box[0] - sin * box[1]
@@ -126,11 +122,10 @@ def rays_at_body(
     body: Float64, box: Float64,
 ) -> tuple[Int64, Float32, Float32]:  # fmt: skip
     """Return the rays (M,) that meet a body's box, ascending, and their origins and directions (M, 3) in its
-    coordinates at each ray's offset.
-
-    `body` (8,) is its position, yaw, velocity and yaw rate; `box` (6,) middle and half size in its own coordinates.
+    coordinates at each ray's offset. `body` (8,) is its position, yaw, velocity and yaw rate; `box` (6,) middle and
+    half size in its own coordinates.
     """
-    chosen = _touched(blocks, body, box, range_m)
+    chosen = _reach_body(blocks, body, box, range_m)
     rays = np.empty(len(chosen) * _MOST, np.int64)
     ray = np.empty((len(chosen) * _MOST, 6), np.float32)
     found, num_origins, num_offsets = 0, len(origin_m), len(offset_s)
@@ -144,9 +139,8 @@ def rays_at_body(
             u = cos * direction[k, 0] + sin * direction[k, 1]
             v = cos * direction[k, 1] - sin * direction[k, 0]
             w = np.float64(direction[k, 2])
-            if _meets_sphere(x - box[0], y - box[1], z - box[2], u, v, w, box) and _meets_box(
-                x - box[0], y - box[1], z - box[2], u, v, w, box, range_m
-            ):
+            dx, dy, dz = x - box[0], y - box[1], z - box[2]
+            if _meets_sphere(dx, dy, dz, u, v, w, box) and _meets_box(dx, dy, dz, u, v, w, box, range_m):
                 rays[found] = k
                 ray[found, 0], ray[found, 1], ray[found, 2] = x, y, z
                 ray[found, 3], ray[found, 4], ray[found, 5] = u, v, w
@@ -166,7 +160,7 @@ def _start(origin_m: Float64, body: Float64, offset_s: float) -> tuple[float, fl
 
 @kernel
 def _meets_sphere(x: float, y: float, z: float, u: float, v: float, w: float, box: Float64) -> bool:
-    """Tell whether a ray from (x, y, z) along (u, v, w) meets the sphere about 0."""
+    """Return whether a ray from (x, y, z) along (u, v, w) meets the sphere about 0."""
     along, beyond = x * u + y * v + z * w, (x * x + y * y + z * z) * (1 - _SLACK)
     beyond -= box[3] * box[3] + box[4] * box[4] + box[5] * box[5]
     return beyond <= 0 or (along < 0 and along * along >= beyond)
@@ -174,7 +168,7 @@ def _meets_sphere(x: float, y: float, z: float, u: float, v: float, w: float, bo
 
 @kernel
 def _meets_box(x: float, y: float, z: float, u: float, v: float, w: float, box: Float64, range_m: float) -> bool:
-    """Tell whether it passes through the box about 0 within its range."""
+    """Return whether it passes through the box about 0 within its range."""
     enters, leaves = _within(x, u, box[3], 0.0, range_m)
     enters, leaves = _within(y, v, box[4], enters, leaves)
     enters, leaves = _within(z, w, box[5], enters, leaves)
@@ -213,10 +207,9 @@ def facing_normals(
     body: Array, triangle: Array, direction: Float32, offset_s: Float64, bodies: Float64, first: Int64,
     normals: Float32,
 ) -> Float32:  # fmt: skip
-    """Return unit normals (N, 3) in the world, towards where rays come from; 0 for misses.
-
-    `normals` are those of all meshes in their own coordinates, one mesh after the other; `first` (A,) is where the
-    mesh of each body begins, and the static world's are the first. `bodies` (A, 8) as in `rays_at_body`.
+    """Return unit normals (N, 3) in the world, towards where rays come from; 0 for misses. `normals` are those of all
+    meshes in their own coordinates, one mesh after the other; `first` (A,) is where the mesh of each body begins, and
+    the static world's are the first. `bodies` (A, 8) as in `rays_at_body`.
     """
     facing = np.zeros((len(body), 3), np.float32)
     cos, sin = np.cos(bodies[:, 3]), np.sin(bodies[:, 3])
@@ -237,20 +230,20 @@ def facing_normals(
     return facing
 
 
-_NO_MATERIAL = 255
 _NO_OFFSETS: Float64 = np.zeros(0)
 _NO_OFFSETS.setflags(write=False)  # like those of rays: kernels are compiled for one kind of array only
 
 
 class EmbreeCaster:
-    """Casts rays at a static world and at actors wherever they are. Never changes, so threads can share it.
-
-    Bodies are met in their own coordinates, so that distance from the world's origin costs them no precision.
+    """Casts rays at a static world and at actors wherever they are. Never changes, so threads can share it. Bodies are
+    met in their own coordinates, so that distance from the world's origin costs them no precision.
     """
 
     def __init__(self, static: Mesh, actors: tuple[Actor, ...]) -> None:
-        self._static, self._actors = static, actors
-        phases = {mesh: None for actor in actors for mesh in actor.body.phases}
+        self.static = static  # All that never moves
+        self.actors = actors
+        """All bodies; the first, the ego vehicle, is never hit."""
+        phases = dict.fromkeys(mesh for actor in actors for mesh in actor.body.phases)
         device = EmbreeDevice()
         self._scenes = {mesh: Scene(mesh, device) for mesh in phases}
         self._world = Scene(static, device)
@@ -259,47 +252,34 @@ class EmbreeCaster:
         self._starts = {mesh: int(start) for mesh, start in zip(phases, starts[1:-1], strict=True)}
         self._normals = np.concatenate([unit_normals(mesh) for mesh in meshes])
         self._rounding = rounding(tuple(phases))
-        self._materials = np.append(merge_meshes(meshes).material, np.uint8(_NO_MATERIAL))
-
-    @property
-    def static(self) -> Mesh:
-        """All that never moves."""
-        return self._static
-
-    @property
-    def actors(self) -> tuple[Actor, ...]:
-        """All bodies; the first, the ego vehicle, is never hit."""
-        return self._actors
+        self._materials = np.append(merge_meshes(meshes).material, np.uint8(255))
 
     def cast(self, rays: Rays, states: BodyStates) -> Hits:
         """Follow rays to the first surface."""
-        range_m, triangle = self._world.nearest(_origins(rays), rays.direction, rays.range_m)
+        range_m, triangle = self._world.nearest(rays.origin_m, rays.direction, rays.range_m)
         missed = triangle < 0
         range_m[missed] = np.inf
         body = np.where(missed, np.int32(MISS), np.int32(STATIC))
-        aim = _Aim(rays, states)
         alone = []
-        for i, scene in self._others(states):
-            reached, origin_m, direction = aim.at(i, scene)
-            if len(reached):
-                near_m, near = scene.nearest(origin_m, direction, rays.range_m)
-                hit = merge_nearer(reached, near_m, near, i, range_m, body, triangle)
-                alone += [(i, hit)] if len(hit) else []
-        normal = facing_normals(
-            body, triangle, rays.direction, aim.offset_s, aim.bodies, self._first(states), self._normals
-        )
+        for i, scene, reached, origin_m, direction in self._meet(rays, states):
+            near_m, near = scene.nearest(origin_m, direction, rays.range_m)
+            hit = merge_nearer(reached, near_m, near, i, range_m, body, triangle)
+            alone += [(i, hit)] if len(hit) else []
+        offset_s = _NO_OFFSETS if rays.offset_s is None else rays.offset_s
+        first = self._first(states)
+        normal = facing_normals(body, triangle, rays.direction, offset_s, _poses(states), first, self._normals)
         return Hits(range_m, body, triangle, normal, tuple(alone))
 
     def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
-        """Tell of which rays (N,) something is in the way within their range: shadows."""
-        found = self._world.blocks(_origins(rays), rays.direction, rays.range_m)
-        free = np.flatnonzero(~found)
-        aim = _Aim(_some(rays, free), states)
-        for i, scene in self._others(states):
-            reached, origin_m, direction = aim.at(i, scene)
-            if len(reached):
-                found[free[reached[scene.blocks(origin_m, direction, rays.range_m)]]] = True
-        return found
+        """Return of which rays (N,) something is in the way within their range: shadows."""
+        blocked = self._world.blocks(rays.origin_m, rays.direction, rays.range_m)
+        free = np.flatnonzero(~blocked)
+        origin = rays.origin_m if len(rays.origin_m) == 1 else rays.origin_m[free]
+        offset_s = None if rays.offset_s is None else rays.offset_s[free]
+        others = Rays(origin, rays.direction[free], rays.range_m, offset_s)
+        for _, scene, reached, origin_m, direction in self._meet(others, states):
+            blocked[free[reached[scene.blocks(origin_m, direction, rays.range_m)]]] = True
+        return blocked
 
     def material(self, hits: Hits, states: BodyStates) -> Array:
         """Indices (N,) uint8 into `MATERIALS` of what was hit; 255 where nothing was."""
@@ -307,53 +287,64 @@ class EmbreeCaster:
         return np.asarray(self._materials[first[hits.body] + hits.triangle])
 
     def smooth_normals(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
-        """Normals (N, 3) as if bodies were round where their triangles meet at small angles."""
+        """Normals (N, 3) like `Hits.normal`, as if bodies were round where their triangles meet at small angles: for
+        shading. All rays have one origin and no offset.
+        """
         bodies = np.column_stack([states.position_m, states.yaw_rad])
-        first = self._first(states) - len(self._static)
+        first = self._first(states) - len(self.static)
         return round_normals(
             hits.body, hits.triangle, hits.range_m, rays.direction, rays.origin_m[0], hits.normal, bodies, first,
             self._rounding,
         )  # fmt: skip
 
-    def _others(self, states: BodyStates) -> list[tuple[int, Scene]]:
-        scenes = ((i, self._scenes[self._mesh(i, states)]) for i in range(EGO + 1, len(self._actors)))
-        return [(i, scene) for i, scene in scenes if not scene.is_empty]
+    def _meet(self, rays: Rays, states: BodyStates) -> Iterator[tuple[int, Scene, Int64, Float32, Float32]]:
+        """Yield each body of which rays (M,) meet the box, with these, and their origins and directions in its
+        coordinates.
+        """
+        offset_s, bodies = _NO_OFFSETS if rays.offset_s is None else rays.offset_s, _poses(states)
+        starts = starts_of_blocks(rays.direction)
+        blocks = cones_of_blocks(starts, rays.origin_m, rays.direction, offset_s)
+        for i in range(EGO + 1, len(self.actors)):
+            scene = self._scenes[self._mesh(i, states)]
+            if not scene.is_empty:
+                reached, origin_m, direction = rays_at_body(
+                    blocks, starts, rays.origin_m, rays.direction, offset_s, float(rays.range_m), bodies[i], scene.box_m
+                )
+                if len(reached):
+                    yield i, scene, reached, origin_m, direction
 
     def _first(self, states: BodyStates) -> Int64:
         """Where the mesh of each body begins among all meshes."""
-        return np.array([self._starts[self._mesh(i, states)] for i in range(len(self._actors))], np.int64)
+        return np.array([self._starts[self._mesh(i, states)] for i in range(len(self.actors))], np.int64)
 
     def _mesh(self, i: int, states: BodyStates) -> Mesh:
-        body = self._actors[i].body
+        body = self.actors[i].body
         return body.phases[body.mesh_at(float(states.phase[i]))]
 
 
-class _Aim:
-    """Rays, ready to be sorted by the bodies that they can hit."""
-
-    def __init__(self, rays: Rays, states: BodyStates) -> None:
-        self.bodies: Float64 = np.column_stack(
-            [states.position_m, states.yaw_rad, states.velocity_mps, states.yaw_rate_radps]
-        )
-        self.offset_s: Float64 = _NO_OFFSETS if rays.offset_s is None else rays.offset_s
-        self._rays = rays
-        self._starts = starts_of_blocks(rays.direction)
-        self._blocks = cones_of_blocks(self._starts, rays.origin_m, rays.direction, self.offset_s)
-
-    def at(self, i: int, scene: Scene) -> tuple[Int64, Float32, Float32]:
-        """Return the rays (M,) that meet the box of body `i`, with origins and directions in its coordinates."""
-        rays = self._rays
-        return rays_at_body(
-            self._blocks, self._starts, rays.origin_m, rays.direction, self.offset_s, float(rays.range_m),
-            self.bodies[i], scene.box_m,
-        )  # fmt: skip
+def _poses(states: BodyStates) -> Float64:
+    return np.column_stack([states.position_m, states.yaw_rad, states.velocity_mps, states.yaw_rate_radps])
 
 
-def _origins(rays: Rays) -> Float32:
-    return np.broadcast_to(rays.origin_m.astype(np.float32), rays.direction.shape)
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """The world around one sensor when it measures; what it is like itself is said by its spec."""
 
+    caster: EmbreeCaster
+    states: BodyStates  # Of all bodies at `stamp_ns`
+    weather: Weather
+    street_lamps_m: Float64  # (L, 3) in the world
+    seed: int  # Of all chances
+    sensor: str  # Its name
+    body_T_sensor: Float64  # (4, 4) its mount on the ego vehicle
+    stamp_ns: int
+    log_ns: int  # When the message arrives
 
-def _some(rays: Rays, chosen: Int64) -> Rays:
-    origin_m = rays.origin_m if len(rays.origin_m) == 1 else rays.origin_m[chosen]
-    offset_s = None if rays.offset_s is None else rays.offset_s[chosen]
-    return Rays(origin_m, rays.direction[chosen], rays.range_m, offset_s)
+    @property
+    def world_T_sensor(self) -> Float64:
+        """Pose (4, 4) of the sensor in the world."""
+        return chain(self.states.world_T_body(EGO), self.body_T_sensor)
+
+    def generator(self, what: str, *scope: str) -> np.random.Generator:
+        """Return the random numbers for `what` in the sensor's one message."""
+        return generator(self.seed, what, self.sensor, self.stamp_ns, *scope)

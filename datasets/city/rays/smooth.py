@@ -21,38 +21,33 @@ class Scene:
 
     def __init__(self, mesh: Mesh, device: EmbreeDevice) -> None:
         """Build the scene on a device, which all scenes share: Embree crashes where there are a thousand devices."""
-        self.box_m = _box(mesh)
-        self.is_empty = len(mesh) == 0
+        self.is_empty, self.box_m = len(mesh) == 0, np.zeros(6)
+        """Middle and half size (6,) of the box around the mesh, a little larger."""
+        if not self.is_empty:
+            used = np.asarray(mesh.vertices_m, np.float64)[np.unique(mesh.triangles)]
+            low, high = used.min(axis=0) - _MARGIN_M, used.max(axis=0) + _MARGIN_M
+            self.box_m = np.concatenate([(low + high) / 2, (high - low) / 2])
         self._scene = EmbreeScene(device, robust=True)  # watertight: no ray slips through between two triangles
         TriangleMesh(self._scene, np.array(mesh.vertices_m, np.float32), np.array(mesh.triangles, np.int32))
         nothing = np.zeros((0, 3), np.float32)
         self._scene.run(nothing, nothing)  # builds the tree, which must not happen while threads share it
 
-    def nearest(self, origin_m: Float32, direction: Float32, range_m: float) -> tuple[Float32, Array]:
-        """Return how far (N,) the first surface is and its triangle (N,) int32, -1 where there is none.
-
-        Origins (N, 3) and unit vectors (N, 3) are in the mesh's coordinates; what is said of misses is undefined.
+    def nearest(self, origin_m: Array, direction: Float32, range_m: float) -> tuple[Float32, Array]:
+        """Return how far (N,) the first surface is and its triangle (N,) int32, -1 where there is none. Origins (N, 3)
+        or (1, 3) and unit vectors (N, 3) are in the mesh's coordinates; what is said of misses is undefined.
         """
-        found = self._scene.run(origin_m, direction, dists=_limits(len(direction), range_m), output=True)
+        limits = np.full(len(direction), min(range_m, _FARTHEST_M), np.float32)
+        found = self._scene.run(_spread(origin_m, direction), direction, dists=limits, output=True)
         return found["tfar"], found["primID"]
 
-    def blocks(self, origin_m: Float32, direction: Float32, range_m: float) -> Bool:
-        """Tell of which rays (N,) the mesh is in the way within `range_m`."""
-        found = self._scene.run(origin_m, direction, dists=_limits(len(direction), range_m), query="OCCLUDED")
-        return np.asarray(found == 0)
+    def blocks(self, origin_m: Array, direction: Float32, range_m: float) -> Bool:
+        """Return of which rays (N,) the mesh is in the way within `range_m`."""
+        limits = np.full(len(direction), min(range_m, _FARTHEST_M), np.float32)
+        return np.asarray(self._scene.run(_spread(origin_m, direction), direction, dists=limits, query="OCCLUDED") == 0)
 
 
-def _limits(num: int, range_m: float) -> Float32:
-    return np.full(num, min(range_m, _FARTHEST_M), np.float32)
-
-
-def _box(mesh: Mesh) -> Float64:
-    """Middle and half size (6,) of the box around a mesh, a little larger."""
-    if not len(mesh):
-        return np.zeros(6)
-    used = np.asarray(mesh.vertices_m, np.float64)[np.unique(mesh.triangles)]
-    low, high = used.min(axis=0) - _MARGIN_M, used.max(axis=0) + _MARGIN_M
-    return np.concatenate([(low + high) / 2, (high - low) / 2])
+def _spread(origin_m: Array, direction: Float32) -> Float32:
+    return np.broadcast_to(origin_m.astype(np.float32, copy=False), direction.shape)
 
 
 def unit_normals(mesh: Mesh) -> Float32:
@@ -94,13 +89,10 @@ def _round_corners(mesh: Mesh) -> tuple[Float32, Float32, Bool]:
     _, vertex = np.unique(key, return_inverse=True)
     order = np.argsort(vertex, kind="stable")
     start = np.searchsorted(vertex[order], np.arange(len(order) + 1))
-    area_m2 = _areas(corners.astype(np.float64))
+    a, b, c = (corners[:, i].astype(np.float64) for i in range(3))
+    cross = np.cross(b - a, c - a)
+    area_m2 = np.sqrt((cross * cross).sum(axis=1)) / 2
     return corners, *_corner_normals(unit_normals(mesh), area_m2, vertex.astype(np.int64), order, start)
-
-
-def _areas(corners: Float64) -> Float64:
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.asarray(np.sqrt((cross * cross).sum(axis=1)) / 2)
 
 
 @kernel
@@ -134,10 +126,9 @@ def round_normals(
     body: Array, triangle: Array, range_m: Float32, direction: Float32, origin_m: Float64, normal: Float32,
     bodies: Float64, first: Int64, corners: Rounding,
 ) -> Float32:  # fmt: skip
-    """Return `normal` (N, 3) with those of bodies replaced by ones that change steadily over round surfaces.
-
-    They still point to where the ray comes from. `origin_m` (3,) is that of all rays, `bodies` (A, 4) position and
-    yaw, `first` (A,) where the triangles of each body's mesh begin in `corners`.
+    """Return `normal` (N, 3) with those of bodies replaced by ones that change steadily over round surfaces. They still
+    point to where the ray comes from. `origin_m` (3,) is that of all rays, `bodies` (A, 4) position and yaw, `first`
+    (A,) where the triangles of each body's mesh begin in `corners`.
     """
     result, cos, sin = normal.copy(), np.cos(bodies[:, 3]), np.sin(bodies[:, 3])
     position, normals, is_round = corners.position_m, corners.normal, corners.is_round

@@ -5,32 +5,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from fbench.datasets.city.mesh import (
-    INDEX,
-    Mesh,
-    Quads,
-    Rgb,
-    Skin,
-    Three,
-    above,
-    below,
-    blocks,
-    box,
-    join_quads,
-    leftward,
-    merge_meshes,
-    mesh,
-    on_wall,
-    paint_quads,
-    quads_mesh,
-    rightward,
-    scale_color,
-    upright,
-)
+from fbench.datasets.city.mesh import INDEX, Mesh, Rgb, Skin, Three, box, merge_meshes, mesh, scale_color
+from fbench.datasets.city.scenery.quads import Quads, above, below, blocks, join_quads, leftward, rightward, upright
 from fbench.replay.data.arrays import Array, Float64
 
 Use: TypeAlias = Literal["house", "flats", "office", "hall"]
-
 _WALLS: tuple[tuple[str, Rgb], ...] = (
     ("brick", (0.25, 0.105, 0.07)), ("brick", (0.20, 0.085, 0.06)), ("brick", (0.32, 0.20, 0.13)),
     ("plaster", (0.62, 0.58, 0.50)), ("plaster", (0.55, 0.47, 0.34)), ("plaster", (0.50, 0.50, 0.49)),
@@ -75,15 +54,17 @@ class Style:
     balconies: bool
     pitched: bool
 
-    @property
-    def stands_out(self) -> bool:
-        """Whether something stands far out of the front."""
-        return self.awnings or self.balconies
 
-
-def draw_style(size_lwh_m: tuple[float, float, float], rng: np.random.Generator) -> Style:
+def draw_style(size_lwh_m: Three, rng: np.random.Generator) -> Style:
     """Draw how a building of a size looks."""
-    use = _use(size_lwh_m, rng)
+    length, width, height = size_lwh_m
+    use: Use
+    if height < 14 and min(length, width) > 22:
+        use = "hall"
+    elif height < 9.5:
+        use = "house"
+    else:
+        use = "office" if rng.random() < (0.75 if height > 21 else 0.25) else "flats"
     palette = {"office": _OFFICE_WALLS, "hall": _HALL_WALLS}.get(use, _WALLS)
     material, color = palette[int(rng.integers(len(palette)))]
     wall = Skin(material, scale_color(color, float(rng.uniform(0.85, 1.12))))
@@ -110,21 +91,12 @@ def draw_style(size_lwh_m: tuple[float, float, float], rng: np.random.Generator)
         shop=shop,
         awnings=awnings,
         balconies=use == "flats" and bool(rng.random() < 0.5),
-        pitched=use == "house" or (use == "flats" and size_lwh_m[2] < 16 and bool(rng.random() < 0.4)),
+        pitched=use == "house" or (use == "flats" and height < 16 and bool(rng.random() < 0.4)),
     )
 
 
-def _use(size_lwh_m: tuple[float, float, float], rng: np.random.Generator) -> Use:
-    length, width, height = size_lwh_m
-    if height < 14 and min(length, width) > 22:
-        return "hall"
-    if height < 9.5:
-        return "house"
-    return "office" if rng.random() < (0.75 if height > 21 else 0.25) else "flats"
-
-
-_RECESS_M = 0.12  # How deep windows lie in the wall
-_FRAME_M = 0.07
+_RECESS_M, _FRAME_M = 0.12, 0.07  # How deep windows lie in the wall; width of their frames
+_PANE = Skin("window", (0.03, 0.035, 0.04))
 _OUT_M = 0.8  # How far balconies and awnings stand out
 _LIT: tuple[Rgb, ...] = ((0.30, 0.21, 0.12), (0.30, 0.24, 0.16), (0.27, 0.27, 0.25))
 """Colors of rooms behind lit windows: by day they are curtains, so not too bright."""
@@ -190,14 +162,14 @@ def _panes(u0: Array, u1: Array, v0: Array, v1: Array, d: float, style: Style, r
     pitch = (u1 - u0 - _FRAME_M) / panes
     starts = (u0 + _FRAME_M)[:, None] + pitch[:, None] * np.arange(panes)
     ends = starts + pitch[:, None] - _FRAME_M
-    quads = upright(starts.ravel(), ends.ravel(), np.repeat(v0 + _FRAME_M, panes), np.repeat(v1 - _FRAME_M, panes),
-                    d, Skin("window", (0.03, 0.035, 0.04)))  # fmt: skip
+    low, high = np.repeat(v0 + _FRAME_M, panes), np.repeat(v1 - _FRAME_M, panes)
+    quads = upright(starts.ravel(), ends.ravel(), low, high, d, _PANE)
     lit = rng.random(num) < style.lit_share
     shade = np.where(rng.random(num) < 0.3, rng.uniform(0.08, 0.25, num), rng.uniform(0.015, 0.05, num))
     glass = shade[:, None] * np.array([0.93, 1.0, 1.05])
     color = np.where(lit[:, None], np.asarray(_LIT)[rng.integers(len(_LIT), size=num)], glass)
     material = np.where(lit, INDEX["lit_window"], INDEX["window"]).astype(np.uint8)
-    return Quads(quads.corners_m, np.repeat(material, panes), np.repeat(color, panes, axis=0).astype(np.float32))
+    return replace(quads.paint(np.repeat(color, panes, axis=0)), material=np.repeat(material, panes))
 
 
 def _ground_floor(width: float, height: float, style: Style, front: bool, rng: np.random.Generator) -> Quads:
@@ -208,19 +180,15 @@ def _ground_floor(width: float, height: float, style: Style, front: bool, rng: n
     rows = _rows(width, bays, np.array([0.0, height]), ground, front, rng)
     if not front or width < 2.5:
         return rows
-    # Between two windows: on the pier in the middle, or at the side of the only one.
     bay = width / max(bays, 1)
-    u = bay * (bays // 2) if bays > 1 else 0.65
-    return join_quads([rows, _door(u, min(0.5, bay * (1 - ground.window_share) / 2 - 0.05), height, style, rng)])
-
-
-def _door(u: float, half: float, height: float, style: Style, rng: np.random.Generator) -> Quads:
-    half, top = max(half, 0.35), min(2.25, height - 0.4)
+    u = bay * (bays // 2) if bays > 1 else 0.65  # between two windows: on the middle pier, or beside the only one
+    half, top = max(min(0.5, bay * (1 - ground.window_share) / 2 - 0.05), 0.35), min(2.25, height - 0.4)
     leaf = Skin("wood", _DOORS[int(rng.integers(len(_DOORS)))])
     return join_quads([
+        rows,
         upright(u - half - 0.1, u + half + 0.1, 0.0, top + 0.1, 0.02, style.trim),
         upright(u - half, u + half, 0.0, top, 0.04, leaf),
-        upright(u - half * 0.55, u + half * 0.55, top * 0.55, top * 0.9, 0.05, Skin("window", (0.03, 0.035, 0.04))),
+        upright(u - half * 0.55, u + half * 0.55, top * 0.55, top * 0.9, 0.05, _PANE),
     ])  # fmt: skip
 
 
@@ -242,11 +210,11 @@ def _shops(width: float, height: float, style: Style, rng: np.random.Generator) 
     ]
     colors = np.asarray(SHOP_COLORS)[rng.integers(len(SHOP_COLORS), size=bays)]
     boards = upright(start + 0.12, start + bay - 0.12, head + 0.12, head + 0.75, 0.04, Skin("paint", (0, 0, 0)))
-    parts.append(paint_quads(boards, colors))
+    parts.append(boards.paint(colors))
     wide = rng.uniform(0.2, 0.38, bays) * bay
-    letters = upright(start + bay / 2 - wide, start + bay / 2 + wide, head + 0.3, head + 0.56, 0.06,
-                      Skin("paint", (0.7, 0.68, 0.62)))  # fmt: skip
-    parts.append(letters if colors.mean() < 0.3 else paint_quads(letters, np.full((bays, 3), 0.05)))
+    light, middle = Skin("paint", (0.7, 0.68, 0.62)), start + bay / 2
+    letters = upright(middle - wide, middle + wide, head + 0.3, head + 0.56, 0.06, light)
+    parts.append(letters if colors.mean() < 0.3 else letters.paint(np.full((bays, 3), 0.05)))
     if style.awnings:
         parts.append(_awnings(start + 0.1, start + bay - 0.1, head + 0.05, colors))
     return join_quads(parts)
@@ -259,9 +227,9 @@ def _awnings(u0: Array, u1: Array, top: float, colors: Array) -> Quads:
     corners[:, 2:, 2] = 0.02
     under = corners[:, ::-1] - np.array([0.0, 0.015, 0.0])
     lip = upright(u0, u1, top - 0.75, top - 0.55, _OUT_M, Skin("cloth", (0, 0, 0)))
-    both = Quads(np.concatenate([corners, under, lip.corners_m, lip.corners_m[:, ::-1] - np.array([0.0, 0.0, 0.01])]),
-                 np.tile(flat.material, 4), np.tile(flat.color, (4, 1)))  # fmt: skip
-    return paint_quads(both, np.concatenate([colors, colors * 0.8, colors * 1.1, colors * 0.8]))
+    layers = [corners, under, lip.corners_m, lip.corners_m[:, ::-1] - np.array([0.0, 0.0, 0.01])]
+    shades = np.concatenate([colors, colors * 0.8, colors * 1.1, colors * 0.8]).astype(np.float32)
+    return Quads(np.concatenate(layers), np.tile(flat.material, 4), shades)
 
 
 def _balconies(width: float, bays: int, floors: Float64, style: Style, rng: np.random.Generator) -> Quads:
@@ -286,7 +254,7 @@ def _hall(width: float, height: float, style: Style, front: bool, rng: np.random
     pitch = width / bays
     start = np.arange(bays) * pitch
     v0 = max(height - 2.2, height * 0.6)
-    v1 = v0 + 1.0
+    v1, top = v0 + 1.0, min(4.2, v0 - 0.4)
     left, right = np.append(0.0, start + pitch - 0.6), np.append(start + 0.6, width)
     parts = [
         _wall(width, 0.0, v0, style.wall),
@@ -296,7 +264,6 @@ def _hall(width: float, height: float, style: Style, front: bool, rng: np.random
         blocks(start[1:] - 0.06, start[1:] + 0.06, 0.0, height, 0.0, 0.05, style.trim, back=False),
     ]
     gates = start[rng.random(bays) < (0.5 if front else 0.15)] + pitch / 2
-    top = min(4.2, v0 - 0.4)
     parts.append(upright(gates - 1.9, gates + 1.9, 0.0, top + 0.15, 0.03, style.trim))
     parts.append(upright(gates - 1.75, gates + 1.75, 0.0, top, 0.06, Skin("metal", (0.25, 0.27, 0.29))))
     return join_quads(parts)
@@ -312,50 +279,37 @@ def building(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
     style = draw_style(size_lwh_m, rng)
     if length < 6:
         style = replace(style, balconies=False, awnings=False)
-    front = _DEEP_INSET_M if style.stands_out else _INSET_M
+    front = _DEEP_INSET_M if style.awnings or style.balconies else _INSET_M
     core = np.array([-length / 2 + _INSET_M, length / 2 - front, -width / 2 + _INSET_M, width / 2 - _INSET_M])
+    x0, x1, y0, y1 = core.tolist()
     has_shed = not style.pitched and height > 9 and bool(rng.random() < 0.6)
     rise = min(0.32 * min(length, width), 0.4 * height) if style.pitched else 2.2 if has_shed else 0.0
-    eaves = height - rise
-    walls = quads_mesh(join_quads([_side(core, k, eaves, style, rng) for k in range(4)]))
-    step = box((0.0, 0.0, 0.04), (length, width, 0.08), style.trim)
-    if style.pitched:
-        return merge_meshes([walls, step, *_gable(core, eaves, height, style, rng)])
-    return merge_meshes(
-        [walls, step, *_flat_roof(core, eaves, style), *([_shed(core, eaves, height, style)] * has_shed)]
-    )
+    eaves, sides = height - rise, []
+    for k, foot in enumerate([(x1, y0), (x1, y1), (x0, y1), (x0, y0)]):  # front, left, back, right
+        wall = facade(x1 - x0 if k % 2 else y1 - y0, eaves, style, k == 0, rng)
+        sides.append(wall.on_wall(k * np.pi / 2, (*foot, 0.0)))
+    parts = [join_quads(sides).mesh(), box((0.0, 0.0, 0.04), (length, width, 0.08), style.trim)]
+    parts += _gable(core, eaves, height, style, rng) if style.pitched else _flat_roof(x0, x1, y0, y1, eaves, style)
+    if has_shed:  # houses the lift
+        size = (min(4.0, 0.4 * (x1 - x0)), min(5.0, 0.4 * (y1 - y0)), height - eaves + 0.5)
+        middle = ((x0 + x1) / 2, (y0 + y1) / 2 + 0.2 * (y1 - y0), height - size[2] / 2)
+        parts.append(box(middle, size, style.wall))
+    return merge_meshes(parts)
 
 
-def _side(core: Float64, k: int, eaves: float, style: Style, rng: np.random.Generator) -> Quads:
-    """Wall `k`: front, left, back, right."""
-    x0, x1, y0, y1 = core.tolist()
-    foot = [(x1, y0), (x1, y1), (x0, y1), (x0, y0)][k]
-    wide = y1 - y0 if k % 2 == 0 else x1 - x0
-    return on_wall(facade(wide, eaves, style, k == 0, rng), (*foot, 0.0), k * np.pi / 2)
-
-
-def _flat_roof(core: Float64, eaves: float, style: Style) -> list[Mesh]:
+def _flat_roof(x0: float, x1: float, y0: float, y1: float, eaves: float, style: Style) -> list[Mesh]:
     """A roof below a parapet, which is a cornice as well."""
-    x0, x1, y0, y1 = core.tolist()
-    high = 0.5
-    outer, thick = _INSET_M, _INSET_M + 0.25
+    high, outer, thick = 0.5, _INSET_M, _INSET_M + 0.25
     z = eaves - high / 2
     xm, ym, long, wide = (x0 + x1) / 2, (y0 + y1) / 2, x1 - x0 + 2 * outer, y1 - y0 + 2 * outer
-    ring = [
+    top = above(y0, y1, x0, x1, eaves - high + 0.1, Skin("concrete", (0.2, 0.2, 0.2)))
+    return [
         box((x1 + outer - thick / 2, ym, z), (thick, wide, high), style.trim),
         box((x0 - outer + thick / 2, ym, z), (thick, wide, high), style.trim),
         box((xm, y1 + outer - thick / 2, z), (long - 2 * thick, thick, high), style.trim),
         box((xm, y0 - outer + thick / 2, z), (long - 2 * thick, thick, high), style.trim),
+        top.on_wall(0.0).mesh(),
     ]
-    top = above(y0, y1, x0, x1, eaves - high + 0.1, Skin("concrete", (0.2, 0.2, 0.2)))
-    return [*ring, quads_mesh(on_wall(top, (0.0, 0.0, 0.0), 0.0))]
-
-
-def _shed(core: Float64, eaves: float, height: float, style: Style) -> Mesh:
-    """What houses the lift on the roof."""
-    x0, x1, y0, y1 = core.tolist()
-    size = (min(4.0, 0.4 * (x1 - x0)), min(5.0, 0.4 * (y1 - y0)), height - eaves + 0.5)
-    return box(((x0 + x1) / 2, (y0 + y1) / 2 + 0.2 * (y1 - y0), height - size[2] / 2), size, style.wall)
 
 
 def _gable(core: Float64, eaves: float, height: float, style: Style, rng: np.random.Generator) -> list[Mesh]:
@@ -370,13 +324,8 @@ def _gable(core: Float64, eaves: float, height: float, style: Style, rng: np.ran
     else:
         vertices = np.array([*corners, (x0, ym, ridge), (x1, ym, ridge)])
         slopes, ends = [[0, 1, 5], [0, 5, 4], [2, 3, 4], [2, 4, 5]], [[1, 2, 5], [3, 0, 4]]
-    soffit = [[0, 3, 2], [0, 2, 1]]
     along = float(rng.uniform(-0.3, 0.3))
     chimney = box((xm + along * (x1 - x0) * 0.6, ym + along * (y1 - y0) * 0.6, (eaves + height) / 2),
                   (0.6, 0.7, height - eaves), Skin("brick", (0.2, 0.09, 0.06)))  # fmt: skip
-    return [
-        mesh(vertices, np.array(slopes), style.roof),
-        mesh(vertices, np.array(ends), style.wall),
-        mesh(vertices, np.array(soffit), style.trim),
-        chimney,
-    ]
+    surfaces = (slopes, style.roof), (ends, style.wall), ([[0, 3, 2], [0, 2, 1]], style.trim)
+    return [*(mesh(vertices, np.array(triangles), skin) for triangles, skin in surfaces), chimney]

@@ -4,19 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fbench.datasets.city.mesh import (
-    INDEX,
-    Mesh,
-    Quads,
-    Rgb,
-    Skin,
-    join_quads,
-    merge_meshes,
-    mesh,
-    quad,
-    quads_mesh,
-    scale_color,
-)
+from fbench.datasets.city.mesh import INDEX, Mesh, Rgb, Skin, merge_meshes, mesh, quad, scale_color
+from fbench.datasets.city.scenery.quads import Quads, join_quads
 from fbench.datasets.city.world.city_map import GROUND_Z_M, Patch
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array, Bool, Float64
@@ -42,15 +31,13 @@ def surface(points_m: Float64) -> tuple[Float64, Array]:
 
 
 def is_convex(points_m: Float64) -> Bool:
-    """Tell of outlines (..., P, 2), counter-clockwise, which are convex, with no point on a straight line."""
+    """Return which outlines (..., P, 2), counter-clockwise, are convex, with no point on a straight line."""
     before, after = np.roll(points_m, 1, axis=-2), np.roll(points_m, -1, axis=-2)
-    convex: Bool = np.asarray((_cross(before, points_m, after) > _STRAIGHT_M**2).all(axis=-1))
-    return convex
+    return np.asarray((_cross(before, points_m, after) > _STRAIGHT_M**2).all(axis=-1))
 
 
 def _strip(points: Float64) -> Array | None:
     """Triangles of a strip: all its quadrilaterals, each between two points of a side and those opposite, are convex.
-
     Where that holds of a simple outline they can't overlap: it would wind around some place twice.
     """
     num = len(points)
@@ -90,31 +77,26 @@ class _Clipping:
         self.quality = np.full(num, -1.0)
 
     def triangles(self) -> Array:
-        num = len(self.points)
-        found = np.empty((num - 2, 3), np.int64)
-        for i in range(num):
-            self.quality[i] = self._ear_quality(i)
-        for k in range(num - 2):
-            found[k] = self._clip()
-        return found
-
-    def _clip(self) -> tuple[int, int, int]:
-        """Cut the best ear off; where none is known, look at all that is left once more."""
-        i = int(self.quality.argmax())
-        if self.quality[i] <= 0:
-            for j in np.flatnonzero(self.left).tolist():
-                self.quality[j] = self._ear_quality(j)
+        """Cut the best ear off, again and again; where none is known, look at all that is left once more."""
+        triangles = np.empty((len(self.points) - 2, 3), np.int64)
+        for k in range(len(triangles)):
             i = int(self.quality.argmax())
-        if self.quality[i] <= 0:
-            raise ConfigError(f"outline of a patch near {self.points[i].tolist()} crosses itself; correct the layout")
-        a, b = int(self.before[i]), int(self.after[i])
-        self.left[i], self.reflex[i], self.quality[i] = False, False, -1.0
-        self.after[a], self.before[b] = b, a
-        for j in (a, b):
-            self.reflex[j] = self._turn(j) <= 0
-        for j in (a, b):
-            self.quality[j] = self._ear_quality(j)
-        return a, i, b
+            if self.quality[i] <= 0:
+                for j in np.flatnonzero(self.left).tolist():
+                    self.quality[j] = self._ear_quality(j)
+                i = int(self.quality.argmax())
+            if self.quality[i] <= 0:
+                place = self.points[i].tolist()
+                raise ConfigError(f"outline of a patch near {place} crosses itself; correct the layout")
+            a, b = int(self.before[i]), int(self.after[i])
+            self.left[i], self.reflex[i], self.quality[i] = False, False, -1.0
+            self.after[a], self.before[b] = b, a
+            for j in (a, b):
+                self.reflex[j] = self._turn(j) <= 0
+            for j in (a, b):
+                self.quality[j] = self._ear_quality(j)
+            triangles[k] = a, i, b
+        return triangles
 
     def _turn(self, i: int) -> float:
         (ax, ay), (bx, by), (cx, cy) = (self.points[j].tolist() for j in (self.before[i], i, self.after[i]))
@@ -137,10 +119,8 @@ class _Clipping:
 
 def _cross(a: Float64, b: Float64, c: Float64) -> Float64:
     """Twice the signed areas of triangles: positive where c lies to the left of the way from a to b."""
-    area: Float64 = (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
-        c[..., 0] - a[..., 0]
-    )
-    return area
+    (u, v), (p, q) = ((end[..., 0] - a[..., 0], end[..., 1] - a[..., 1]) for end in (b, c))
+    return np.asarray(u * q - v * p, np.float64)
 
 
 GROUND_SIDE_M = 4000.0
@@ -153,49 +133,36 @@ COLORS: dict[str, Rgb] = {
     "concrete": (0.33, 0.32, 0.3),
 }
 """Albedo, linear: asphalt and grass as published for dry road surfaces and lawns, the rest by eye."""
-_OTHER: Rgb = (0.3, 0.3, 0.3)
-_KERB: Rgb = (0.4, 0.39, 0.37)
+_OTHER, _KERB = (0.3, 0.3, 0.3), (0.4, 0.39, 0.37)
 
 
 def ground(patches: Sequence[Patch]) -> Mesh:
     """Return all patches, seen from above, with the sides of kerbs, and the ground plane around their middle."""
-    is_quad = np.array([len(patch.points_m) == 4 and bool(is_convex(patch.points_m)) for patch in patches], bool)
-    quads = [patch for patch, simple in zip(patches, is_quad, strict=True) if simple]
-    others = [(patch, *surface(patch.points_m)) for patch, simple in zip(patches, is_quad, strict=True) if not simple]
-    parts = [_plane(patches), quads_mesh(join_quads([_flat_quad(patch) for patch in quads]))]
-    parts += [_flat(patch, outline, triangles) for patch, outline, triangles in others]
-    kerbs = [_kerb(patch.z_m, patch.points_m) for patch in quads if patch.has_kerb]
-    kerbs += [_kerb(patch.z_m, outline) for patch, outline, _ in others if patch.has_kerb]
-    return merge_meshes([*parts, quads_mesh(join_quads(kerbs))])
-
-
-def _flat_quad(patch: Patch) -> Quads:
-    skin = _skin(patch)
-    corners = np.column_stack([patch.points_m, np.full(4, patch.z_m)])[None]
-    return Quads(corners, np.array([INDEX[skin.material]], np.uint8), np.array([skin.color], np.float32))
-
-
-def _flat(patch: Patch, outline: Float64, triangles: Array) -> Mesh:
-    return mesh(np.column_stack([outline, np.full(len(outline), patch.z_m)]), triangles, _skin(patch))
-
-
-def _skin(patch: Patch) -> Skin:
-    return Skin(patch.material, scale_color(COLORS.get(patch.material, _OTHER), patch.shade))
+    points = np.concatenate([np.zeros((0, 2)), *(patch.points_m for patch in patches)])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2 if len(points) else np.zeros(2)
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (GROUND_SIDE_M / 2) + middle
+    plane = quad(np.column_stack([corners, np.full(4, GROUND_Z_M)]), Skin("grass", COLORS["grass"]))
+    quads, kerbs, others, other_kerbs = list[Quads](), list[Quads](), list[Mesh](), list[Quads]()
+    for patch in patches:
+        outline, z_m = patch.points_m, patch.z_m
+        skin = Skin(patch.material, scale_color(COLORS.get(patch.material, _OTHER), patch.shade))
+        simple = len(outline) == 4 and bool(is_convex(outline))
+        if simple:
+            flat = np.column_stack([outline, np.full(4, z_m)])[None]
+            quads.append(Quads(flat, np.array([INDEX[skin.material]], np.uint8), np.array([skin.color], np.float32)))
+        else:
+            outline, triangles = surface(outline)
+            others.append(mesh(np.column_stack([outline, np.full(len(outline), z_m)]), triangles, skin))
+        if patch.has_kerb:
+            (kerbs if simple else other_kerbs).append(_kerb(z_m, outline))
+    walls = join_quads([*kerbs, *other_kerbs]).mesh()
+    return merge_meshes([plane, join_quads(quads).mesh(), *others, walls])
 
 
 def _kerb(z_m: float, outline: Float64) -> Quads:
     """Walls from 0 up to a patch along its whole outline."""
-    nearest = np.roll(outline, -1, axis=0)
-    num = len(outline)
+    nearest, num = np.roll(outline, -1, axis=0), len(outline)
     low, high = np.zeros(num), np.full(num, z_m)
     corners = [np.column_stack([p, z]) for p, z in ((outline, low), (nearest, low), (nearest, high), (outline, high))]
-    return Quads(np.stack(corners, axis=1), np.full(num, INDEX["concrete"], np.uint8),
-                 np.tile(np.asarray(_KERB, np.float32), (num, 1)))  # fmt: skip
-
-
-def _plane(patches: Sequence[Patch]) -> Mesh:
-    points = np.concatenate([np.zeros((0, 2)), *(patch.points_m for patch in patches)])
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2 if len(points) else np.zeros(2)
-    half = GROUND_SIDE_M / 2
-    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)]) + middle
-    return quad(np.column_stack([corners, np.full(4, GROUND_Z_M)]), Skin("grass", COLORS["grass"]))
+    color = np.tile(np.asarray(_KERB, np.float32), (num, 1))
+    return Quads(np.stack(corners, axis=1), np.full(num, INDEX["concrete"], np.uint8), color)

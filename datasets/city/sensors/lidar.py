@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.instant import EGO, MISS, BodyStates, Hits, Instant, Rays
+from fbench.datasets.city.instant import EGO, MISS, BodyStates, Hits, Rays
 from fbench.datasets.city.mesh import MATERIALS
+from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import LidarSpec
-from fbench.replay.conditions.lidar import SCATTERED, WEAKEST, FogReturn, fog_echoes, rain_echoes
+from fbench.replay.conditions.lidar import SCATTERED, WEAKEST, fog_echoes, rain_echoes
 from fbench.replay.conditions.weather import CLEAR_MOR_M, Weather, extinction_per_m, fog_extinction_per_m, fog_of
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, freeze_fields
 from fbench.replay.data.messages import PointCloud
@@ -17,89 +18,53 @@ JUST_SEEN = 0.1  # Reflectivity of the target that is just seen at the sensor's 
 FAINTEST = 1 / 255  # Intensity below which the fog's echo goes unnoticed (Hahner et al. 2021: one step of 8 bits).
 
 
-@dataclass(frozen=True, eq=False)
-class Echoes:
-    """The strongest echo of each of N beams."""
-
-    range_m: Float64  # (N,) infinite where nothing comes back
-    intensity: Float64
-    """(N,) received power, corrected for range: reflectivity times exp(-2 extinction range); not clipped."""
-    is_scattered: Bool  # (N,) whether it is that of fog or of a drop before the target
-
-    def __post_init__(self) -> None:
-        one = ("f8", ("N",))
-        freeze_fields(self, range_m=one, intensity=one, is_scattered=("?", ("N",)))
-
-
 def power_floor(range_m: float) -> float:
     """Return the weakest power that is received, in units of reflectivity / m^2."""
     clear = fog_extinction_per_m(Weather(visibility_m=CLEAR_MOR_M))
     return float(JUST_SEEN * np.exp(-2 * clear * range_m) / range_m**2)
 
 
-def echoes(
+def receive(
     range_m: Float64, reflectivity: Float64, weather: Weather, sensor_range_m: float, rng: np.random.Generator
-) -> Echoes:
-    """Return what beams to targets at `range_m` (N,) of `reflectivity` (N,) receive; both as for those without target:
-    infinite and 0.
+) -> tuple[Float64, Float64, Bool]:
+    """Return the strongest echoes (N,) of beams to targets at `range_m` (N,) of `reflectivity` (N,); both as for those
+    without target: infinite and 0.
+
+    Ranges are infinite where nothing comes back; then follow received powers, corrected for range (reflectivity times
+    exp(-2 extinction range), not clipped), and whether an echo is that of fog or of a drop before the target.
 
     Power is reflectivity exp(-2 extinction range) / range^2. Where fog answers more strongly than the target, which
     depends on the distance alone in Hahner's model, its echo is received instead. The model relates the fog's echo to
     the target's, so a beam without a target has none.
     """
-    through_rain = _through_rain if weather.rain_mm_h > 0 else _through_dry_air
-    hard = through_rain(range_m, reflectivity, weather, power_floor(sensor_range_m), rng)
+    floor, extinction = power_floor(sensor_range_m), extinction_per_m(weather)
+    if weather.rain_mm_h > 0:  # by LISA's model echoes are lost, come from drops, and are noisy where they are weak
+        equal_range_m = float(np.sqrt(WEAKEST / floor))
+        rain = rain_echoes(weather.rain_mm_h, extinction, range_m, reflectivity, rng, equal_range_m)
+        received_m = np.where(np.isfinite(rain.range_m), rain.range_m, 0.0)
+        at_m, intensity, is_scattered = rain.range_m, rain.power * received_m * received_m, rain.label == SCATTERED
+    else:
+        intensity = reflectivity * np.exp(-2 * extinction * range_m)
+        received = intensity >= floor * range_m * range_m
+        at_m, intensity = np.where(received, range_m, np.inf), intensity * received
+        is_scattered = np.zeros(len(range_m), bool)
     fog = fog_of(weather)
-    drowned = np.isfinite(range_m) & (range_m > fog.switch_m) & ~hard.is_scattered
-    return _with_fog(hard, np.flatnonzero(drowned), fog, range_m, reflectivity, rng) if drowned.any() else hard
+    drowned = np.flatnonzero(np.isfinite(range_m) & (range_m > fog.switch_m) & ~is_scattered)
+    if len(drowned):
+        at_m, intensity, is_scattered = at_m.copy(), intensity.copy(), is_scattered.copy()
+        soft = fog_echoes(fog, range_m[drowned], rng)
+        strength = reflectivity[drowned] * soft.strength
+        noticed = strength >= FAINTEST
+        at_m[drowned] = np.where(noticed, soft.range_m, np.inf)
+        intensity[drowned] = strength * noticed
+        is_scattered[drowned] = noticed
+    return at_m, intensity, is_scattered
 
 
-def _through_dry_air(
-    range_m: Float64, reflectivity: Float64, weather: Weather, floor: float, rng: np.random.Generator
-) -> Echoes:
-    intensity = reflectivity * np.exp(-2 * extinction_per_m(weather) * range_m)
-    received = intensity >= floor * range_m * range_m
-    return Echoes(np.where(received, range_m, np.inf), intensity * received, np.zeros(len(range_m), bool))
-
-
-def _through_rain(
-    range_m: Float64, reflectivity: Float64, weather: Weather, floor: float, rng: np.random.Generator
-) -> Echoes:
-    """Return what LISA's model lets through: echoes are lost, come from drops, and are noisy where they are weak."""
-    equal_range_m = float(np.sqrt(WEAKEST / floor))
-    rain = rain_echoes(weather.rain_mm_h, extinction_per_m(weather), range_m, reflectivity, rng, equal_range_m)
-    received_m = np.where(np.isfinite(rain.range_m), rain.range_m, 0.0)
-    return Echoes(rain.range_m, rain.power * received_m * received_m, rain.label == SCATTERED)
-
-
-def _with_fog(
-    hard: Echoes, drowned: np.ndarray[tuple[int, ...], np.dtype[np.int64]], fog: FogReturn, range_m: Float64,
-    reflectivity: Float64, rng: np.random.Generator,
-) -> Echoes:  # fmt: skip
-    soft = fog_echoes(fog, range_m[drowned], rng)
-    strength = reflectivity[drowned] * soft.strength
-    noticed = strength >= FAINTEST
-    at_m, intensity, is_scattered = hard.range_m.copy(), hard.intensity.copy(), hard.is_scattered.copy()
-    at_m[drowned] = np.where(noticed, soft.range_m, np.inf)
-    intensity[drowned] = strength * noticed
-    is_scattered[drowned] = noticed
-    return Echoes(at_m, intensity, is_scattered)
-
-
-@dataclass(frozen=True, eq=False)
-class Firing:
-    """The N shots of one turn, in firing order."""
-
-    direction: Float64  # (N, 3) unit vectors in the sensor's coordinates
-    ring: Array  # (N,) uint16 channel, 0 the highest
-    offset_ns: Array  # (N,) int32 time after the turn's end, at which the last shot is made: none is above 0
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, direction=("f8", ("N", 3)), ring=("u2", ("N",)), offset_ns=("i4", ("N",)))
-
-
-def firing(spec: LidarSpec) -> Firing:
-    """Return the shots of one turn: `points_per_s / rate_hz` of them, to the nearest.
+def firing(spec: LidarSpec) -> tuple[Float64, Array, Array]:
+    """Return the shots of one turn in firing order, `points_per_s / rate_hz` of them, to the nearest: directions
+    (N, 3), unit vectors in the sensor's coordinates; rings (N,) uint16, 0 the highest; and times (N,) int32 [ns] after
+    the turn's end, at which the last shot is made: none is above 0.
 
     Shot k is channel k modulo `channels`. Channels lie evenly from `upper_deg` down to `lower_deg`, one alone lies in
     between. The head starts backwards and turns clockwise seen from above (back, left, front, right), a step a shot.
@@ -108,17 +73,13 @@ def firing(spec: LidarSpec) -> Firing:
     shot = np.arange(num)
     ring = shot % spec.channels
     azimuth = np.pi - shot * (2 * np.pi / num)
-    altitude = _altitudes_rad(spec)
+    altitude = np.radians(np.linspace(spec.upper_deg, spec.lower_deg, spec.channels))
+    if spec.channels == 1:
+        altitude = np.radians([(spec.upper_deg + spec.lower_deg) / 2])
     flat, up = np.cos(altitude)[ring], np.sin(altitude)[ring]
     direction = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=1)
     offset_ns = np.rint((shot - (num - 1)) * (1e9 / spec.rate_hz / num))
-    return Firing(direction, ring.astype(np.uint16), offset_ns.astype(np.int32))
-
-
-def _altitudes_rad(spec: LidarSpec) -> Float64:
-    if spec.channels == 1:
-        return np.radians([(spec.upper_deg + spec.lower_deg) / 2])
-    return np.radians(np.linspace(spec.upper_deg, spec.lower_deg, spec.channels))
+    return direction, ring.astype(np.uint16), offset_ns.astype(np.int32)
 
 
 _NOTHING = [0.0] * (256 - len(MATERIALS))
@@ -130,12 +91,8 @@ def reflectivity(hits: Hits, material: Array, direction: Float32) -> Float64:
     """Return the reflectivity (N,) in which beams of `direction` (N, 3) see what they hit; 0 where that is nothing.
 
     Lambert's diffuse part times the cosine of incidence, and what retroreflectors add at any angle. A white diffuse
-    surface at normal incidence has 1; a sign has more, and saturates the sensor.
-
-    Args:
-        hits: of the beams.
-        material: (N,) of what was hit, see `RayCaster.material`.
-        direction: (N, 3) unit vectors in the world.
+    surface at normal incidence has 1; a sign has more, and saturates the sensor. `material` (N,) is of what was hit, as
+    `EmbreeCaster.material` gives it; directions are unit vectors in the world.
     """
     n, d = hits.normal, direction
     cosine = np.abs(n[:, 0] * d[:, 0] + n[:, 1] * d[:, 1] + n[:, 2] * d[:, 2]).astype(np.float64)
@@ -161,40 +118,36 @@ def sweep(now: Instant, spec: LidarSpec) -> Sweep:
     `motion` nothing moves in the turn and the cloud is as if compensated, though `offset_ns` still says when each point
     was shot; else it is raw. Light plays no part.
     """
-    shots = firing(spec)
-    rays = _rays(now.states, spec, now.body_T_sensor, shots)
+    fired, ring, offset_ns = firing(spec)
+    rays = _rays(now.states, spec, now.body_T_sensor, fired, offset_ns)
     hits = now.caster.cast(rays, now.states)
     true_m = hits.range_m.astype(np.float64)
     reflected = reflectivity(hits, now.caster.material(hits, now.states), rays.direction)
-    received = echoes(true_m, reflected, now.weather, spec.range_m, now.generator("lidar air"))
-    own = now.generator("lidar")
-    measured_m = received.range_m + spec.noise_m * own.standard_normal(len(true_m))
-    kept = np.flatnonzero(np.isfinite(received.range_m) & (own.random(len(true_m)) >= spec.dropout))
-    cloud = _cloud(shots, np.maximum(measured_m[kept], 0.0), received, kept, now)
-    scattered = received.is_scattered[kept]
+    air, own = now.generator("lidar air"), now.generator("lidar")
+    received_m, power, is_scattered = receive(true_m, reflected, now.weather, spec.range_m, air)
+    measured_m = received_m + spec.noise_m * own.standard_normal(len(true_m))
+    kept = np.flatnonzero(np.isfinite(received_m) & (own.random(len(true_m)) >= spec.dropout))
+    xyz = (fired[kept] * np.maximum(measured_m[kept], 0.0)[:, None]).astype(np.float32)
+    intensity = np.minimum(power[kept], 1.0).astype(np.float32)
+    cloud = PointCloud(now.sensor, now.stamp_ns, now.log_ns, xyz, intensity, ring[kept], offset_ns[kept])
+    scattered = is_scattered[kept]
     body = np.where(scattered, np.int32(MISS), hits.body[kept])
-    return Sweep(cloud, body, np.where(scattered, received.range_m[kept], true_m[kept]))
+    return Sweep(cloud, body, np.where(scattered, received_m[kept], true_m[kept]))
 
 
-def _cloud(shots: Firing, range_m: Float64, received: Echoes, kept: Array, now: Instant) -> PointCloud:
-    xyz = (shots.direction[kept] * range_m[:, None]).astype(np.float32)
-    intensity = np.minimum(received.intensity[kept], 1.0).astype(np.float32)
-    return PointCloud(now.sensor, now.stamp_ns, now.log_ns, xyz, intensity, shots.ring[kept], shots.offset_ns[kept])
-
-
-def _rays(states: BodyStates, spec: LidarSpec, body_T_sensor: Float64, shots: Firing) -> Rays:
+def _rays(states: BodyStates, spec: LidarSpec, body_T_sensor: Float64, fired: Float64, offset_ns: Array) -> Rays:
     """Return the beams in the world, each from where the sensor is when it is shot."""
-    offset_s = shots.offset_ns * 1e-9 if spec.motion else np.zeros(1)
+    offset_s = offset_ns * 1e-9 if spec.motion else np.zeros(1)
     yaw = states.yaw_rad[EGO] + states.yaw_rate_radps[EGO] * offset_s
     middle = states.position_m[EGO] + states.velocity_mps[EGO] * offset_s[:, None]
     rotation = body_T_sensor.copy()
     rotation[:3, 3] = 0.0
-    origin_m = middle + _turn_into_axes(body_T_sensor[None, :3, 3], yaw)
-    direction = _turn_into_axes(transform(rotation, shots.direction), yaw).astype(np.float32)
+    origin_m = middle + _turn(body_T_sensor[None, :3, 3], yaw)
+    direction = _turn(transform(rotation, fired), yaw).astype(np.float32)
     return Rays(origin_m, direction, spec.range_m, offset_s if spec.motion else None)
 
 
-def _turn_into_axes(xyz: Float64, yaw_rad: Float64) -> Float64:
+def _turn(xyz: Float64, yaw_rad: Float64) -> Float64:
     """Turn vectors (N, 3) or (1, 3) about z by angles (N,) or (1,)."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = xyz[:, 0], xyz[:, 1], xyz[:, 2]

@@ -1,13 +1,13 @@
 """One scan of a radar: rays, reflection by surfaces, noise and resolution, and false echoes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
 
-from fbench.datasets.city.instant import EGO, MISS, BodyStates, Instant, Rays
+from fbench.datasets.city.instant import EGO, MISS, BodyStates, Rays
 from fbench.datasets.city.mesh import MATERIALS
+from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import RadarSpec
 from fbench.replay.conditions.weather import radar_loss_db
 from fbench.replay.data.arrays import Array, Float64, freeze_fields
@@ -42,11 +42,6 @@ class Echoes:
         return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
-def join_echoes(parts: Sequence[Echoes]) -> Echoes:
-    """Join echoes, in their order."""
-    return Echoes(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Echoes)))
-
-
 def directions(azimuth_rad: Float64, altitude_rad: Float64) -> Float64:
     """Return unit vectors (K, 3) in the sensor's axes: cos phi cos theta, cos phi sin theta, sin phi."""
     flat = np.cos(altitude_rad)
@@ -69,47 +64,17 @@ def sigma0_db(material: Array, body: Array, cos_incidence: Float64) -> Float64:
     """Return the cross-section per area of surface (N,) [dB m2/m2].
 
     Both the lobe of smooth surfaces, a Gaussian whose half width the material says, and the even share follow the
-    cosine of incidence, since the wave sees only the projected surface.
-
-    Args:
-        material: (N,) indices into `MATERIALS`.
-        body: (N,) index of the actor, below 0 for what stands.
-        cos_incidence: (N,) cosine of the angle between ray and normal, above 0.
+    cosine of incidence, since the wave sees only the projected surface. `material` (N,) are indices into `MATERIALS`,
+    `body` (N,) those of actors, below 0 for what stands; cosines (N,) are those between ray and normal, above 0.
     """
     angle = np.arccos(np.minimum(cos_incidence, 1)) / _LOBE_RAD[material]
     lobe = (1 - ROUGH) * np.exp(-np.log(2) * angle * angle) + ROUGH
-    strength: Float64 = 10 * np.log10(_SIGMA[material] * lobe * cos_incidence) + np.where(body >= 0, BODY_DB, 0.0)
-    return strength
-
-
-def footprint_m2(range_m: Float64, cos_incidence: Float64, solid_angle_sr: Float64) -> Float64:
-    """Return the surface (N,) that rays of a solid angle (N,) light up."""
-    area: Float64 = solid_angle_sr * range_m * range_m / cos_incidence
-    return area
-
-
-def margin_db(beam_rcs_dbsm: Float64, range_m: Float64, radar_range_m: float) -> Float64:
-    """Return how far echoes (N,) are above the weakest that is found: received power falls with the range's 4th power.
-
-    At a range of 100 m cars are found throughout, walls as far where they face the sensor, asphalt to some 15 m.
-
-    Args:
-        beam_rcs_dbsm: (N,) cross-section of what fills the beam, less what the air takes.
-        range_m: (N,) of the surfaces.
-        radar_range_m: how far the radar reaches.
-    """
-    margin: Float64 = beam_rcs_dbsm - 40 * np.log10(range_m / radar_range_m) - FAINTEST_DBSM
-    return margin
+    sigma = 10 * np.log10(_SIGMA[material] * lobe * cos_incidence) + np.where(body >= 0, BODY_DB, 0.0)
+    return np.asarray(sigma, np.float64)
 
 
 def add_noise(echoes: Echoes, spec: RadarSpec, normals: Float64) -> Echoes:
-    """Return echoes as they are measured.
-
-    Args:
-        echoes: K echoes.
-        spec: The radar.
-        normals: (4, K) standard normal numbers: of range, azimuth, altitude, speed.
-    """
+    """Return K echoes as they are measured, with standard normal numbers (4, K) of range, azimuth, altitude, speed."""
     return replace(
         echoes,
         range_m=np.maximum(echoes.range_m + spec.range_noise_m * normals[0], 0.0),
@@ -121,22 +86,16 @@ def add_noise(echoes: Echoes, spec: RadarSpec, normals: Float64) -> Echoes:
 
 def quantize(echoes: Echoes, spec: RadarSpec) -> Echoes:
     """Return echoes whose range, direction and speed are multiples of the sensor's resolution, where it has one."""
-    return replace(
-        echoes,
-        range_m=_round_to_cells(echoes.range_m, spec.range_resolution_m),
-        azimuth_rad=_round_to_cells(echoes.azimuth_rad, np.radians(spec.azimuth_resolution_deg)),
-        altitude_rad=_round_to_cells(echoes.altitude_rad, np.radians(spec.altitude_resolution_deg)),
-        speed_mps=_round_to_cells(echoes.speed_mps, spec.speed_resolution_mps),
-    )
-
-
-def _round_to_cells(value: Float64, step: float) -> Float64:
-    return np.round(value / step) * step if step > 0 else value
+    steps = {
+        "range_m": spec.range_resolution_m, "azimuth_rad": np.radians(spec.azimuth_resolution_deg),
+        "altitude_rad": np.radians(spec.altitude_resolution_deg), "speed_mps": spec.speed_resolution_mps,
+    }  # fmt: skip
+    cells = {name: np.round(getattr(echoes, name) / step) * step for name, step in steps.items() if step > 0}
+    return replace(echoes, **cells)
 
 
 def merge_cells(echoes: Echoes) -> Echoes:
     """Return one echo for all of equal range, direction and speed: powers add up, the rest is that of the strongest.
-
     Sorted by range, azimuth, altitude, speed.
     """
     cells = (echoes.range_m, echoes.azimuth_rad, echoes.altitude_rad, echoes.speed_mps)
@@ -158,19 +117,15 @@ def radial_speeds(states: BodyStates, body: Array, point_m: Float64, direction: 
 
     Bodies are rigid: their velocity and turn rate move every point of theirs; wheels don't spin, limbs don't swing.
 
-    Args:
-        states: All bodies; the first carries the sensor.
-        body: (N,) which body each point is on; below 0: on one that stands.
-        point_m: (N, 3) in the world.
-        direction: (N, 3) unit vectors in the world, away from the sensor.
-        sensor_m: (3,) where the sensor is in the world.
+    `states` are those of all bodies, of which the first carries the sensor, that is at `sensor_m` (3,) in the world;
+    `body` (N,) says which body each of `point_m` (N, 3) is on, below 0 on one that stands; `direction` (N, 3) are unit
+    vectors in the world, away from the sensor.
     """
     sensor = _velocity(states, np.array([EGO]), sensor_m[None])
     moving = np.flatnonzero(body >= 0)
     relative = np.tile(-sensor, (len(body), 1))
     relative[moving] += _velocity(states, body[moving], point_m[moving])
-    speed: Float64 = (relative * direction).sum(axis=1)
-    return speed
+    return np.asarray((relative * direction).sum(axis=1))
 
 
 def _velocity(states: BodyStates, body: Array, point_m: Float64) -> Float64:
@@ -184,47 +139,28 @@ def _velocity(states: BodyStates, body: Array, point_m: Float64) -> Float64:
 _GOLDEN = (np.sqrt(5) - 1) / 2
 
 
-@dataclass(frozen=True, eq=False)
-class RadarRays:
-    """The rays of one scan in polar coordinates of the sensor."""
-
-    azimuth_rad: Float64
-    altitude_rad: Float64
-    solid_angle_sr: Float64  # (N,) of the field of view, which part each ray stands for
-
-    def __post_init__(self) -> None:
-        one = ("f8", ("N",))
-        freeze_fields(self, azimuth_rad=one, altitude_rad=one, solid_angle_sr=one)
-
-
-def radar_rays(spec: RadarSpec, rng: np.random.Generator) -> RadarRays:
-    """Return points_per_s / rate_hz rays, spread evenly over azimuth and altitude, never where they were before.
-
-    A golden-ratio lattice at a random place: every part of the field of view gets its share of rays in every scan.
+def radar_rays(spec: RadarSpec, rng: np.random.Generator) -> tuple[Float64, Float64, Float64]:
+    """Return azimuths and altitudes (N,) of points_per_s / rate_hz rays in polar coordinates of the sensor, spread
+    evenly, never where they were before; and the solid angle (N,) of the field of view that each stands for. A
+    golden-ratio lattice at a random place: every part of the field of view gets its share of rays in every scan.
     """
     num = max(1, round(spec.points_per_s / spec.rate_hz))
     width, height = np.radians(spec.horizontal_fov_deg), np.radians(spec.vertical_fov_deg)
-    shift = rng.random(2)
-    i = np.arange(num)
+    shift, i = rng.random(2), np.arange(num)
     azimuth = ((i + shift[0]) / num - 0.5) * width
     altitude = ((i * _GOLDEN + shift[1]) % 1 - 0.5) * height
-    return RadarRays(azimuth, altitude, np.cos(altitude) * (width * height / num))
+    return azimuth, altitude, np.cos(altitude) * (width * height / num)
 
 
-GHOST_LOSS_DB = 10.0
-_GHOST_DETOUR_M = (1.0, 10.0)
-_CLUTTER_FROM_M = 1.0
-_CLUTTER_DBSM = (-10.0, 5.0)
-_CLUTTER_MPS = 0.5
+GHOST_LOSS_DB, _GHOST_DETOUR_M = 10.0, (1.0, 10.0)
+_CLUTTER_FROM_M, _CLUTTER_DBSM, _CLUTTER_MPS = 1.0, (-10.0, 5.0), 0.5
 """All of these are chosen, not measured: what is published gives kinds of false echoes, but hardly figures."""
 
 
 def ghosts(echoes: Echoes, spec: RadarSpec, rng: np.random.Generator) -> Echoes:
-    """Return second echoes of road users that are strong enough for it, with the chance `spec.multipath` each.
-
-    They come from the same direction, 1 to 10 m farther and 10 dB weaker, with once or twice the relative speed:
-    reflected once more by another surface, or by the ego vehicle itself. An echo is strong where its ghost would still
-    be found.
+    """Return second echoes of road users that are strong enough for it, with the chance `spec.multipath` each. They
+    come from the same direction, 1 to 10 m farther and 10 dB weaker, with once or twice the relative speed: reflected
+    once more by another surface, or by the ego vehicle itself. An echo is strong where its ghost would still be found.
     """
     strong = echoes[(echoes.body >= 0) & (echoes.margin_db >= GHOST_LOSS_DB)]
     chance, detour, twice = rng.random((3, len(strong)))
@@ -242,14 +178,9 @@ def ghosts(echoes: Echoes, spec: RadarSpec, rng: np.random.Generator) -> Echoes:
 
 
 def clutter(spec: RadarSpec, sensor_mps: Float64, rng: np.random.Generator) -> Echoes:
-    """Return false echoes, Poisson many, evenly over the field of view, their density falling with 1 / range.
-
-    -10 dBsm with a deviation of 5 dB, and 0.5 m/s over ground: what drops, spray and leaves do.
-
-    Args:
-        spec: The radar.
-        sensor_mps: (3,) the sensor's velocity over ground, in its own axes.
-        rng: Draws all chances.
+    """Return false echoes, Poisson many, evenly over the field of view, their density falling with 1 / range. -10 dBsm
+    with a deviation of 5 dB, and 0.5 m/s over ground: what drops, spray and leaves do. `sensor_mps` (3,) is the
+    sensor's velocity over ground, in its own axes.
     """
     num = int(rng.poisson(spec.clutter))
     share, across, up = rng.random((3, num))
@@ -286,24 +217,39 @@ class Scan:
 
 def scan(now: Instant, spec: RadarSpec) -> Scan:
     """Return what a radar measures at one instant: the echoes in their order of azimuth, then ghosts, then clutter.
-
-    Rain and fog weaken echoes on their way there and back; no car radar makes up for it, so the RCS that it gives
-    falls by the same.
+    Rain and fog weaken echoes on their way there and back; no car radar makes up for it, so the RCS that it gives falls
+    by the same.
     """
-    view = radar_rays(spec, now.generator("radar"))
-    normals = now.generator("radar", "noise").standard_normal((5, len(view.azimuth_rad)))
-    received = _receive(now, spec, view, normals[4])
+    azimuth, altitude, solid_angle = radar_rays(spec, now.generator("radar"))
+    normals, false = now.generator("radar", "noise").standard_normal((5, len(azimuth))), now.generator("radar", "false")
+    received = _receive(now, spec, azimuth, altitude, solid_angle, normals[4])
     found = np.flatnonzero(received.margin_db >= 0)
-    echoes = add_noise(received[found], spec, normals[:4, found])
-    false = _false_echoes(echoes, now, spec, now.generator("radar", "false"))
-    echoes = quantize(join_echoes([echoes, *false]), spec)
-    return _scan(merge_cells(echoes) if spec.merge_cells else echoes, now)
+    true = add_noise(received[found], spec, normals[:4, found])
+    axes = np.ascontiguousarray(now.world_T_sensor[:3, :3].T)  # a standing point along each approaches by the velocity
+    sensor_mps = -radial_speeds(now.states, np.full(3, MISS), axes, axes, now.world_T_sensor[:3, 3])
+    parts = [true, ghosts(true, spec, false), clutter(spec, sensor_mps, false)]
+    joined = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Echoes))
+    echoes = quantize(Echoes(*joined), spec)
+    echoes = merge_cells(echoes) if spec.merge_cells else echoes
+    polar = [a.astype(np.float32) for a in (echoes.range_m, echoes.azimuth_rad, echoes.altitude_rad)]
+    range_m, azimuth, altitude = (a.astype(np.float64) for a in polar)  # points are those of the very polar values
+    message = RadarScan(
+        now.sensor, now.stamp_ns, now.log_ns, (directions(azimuth, altitude) * range_m[:, None]).astype(np.float32),
+        echoes.speed_mps.astype(np.float32), echoes.rcs_dbsm.astype(np.float32),
+        range_m=polar[0], azimuth_rad=polar[1], altitude_rad=polar[2],
+    )  # fmt: skip
+    return Scan(message, echoes.body, echoes.true_range_m)
 
 
-def _receive(now: Instant, spec: RadarSpec, view: RadarRays, fading: Float64) -> Echoes:
-    """Return the echoes of all rays that hit something, however weak; `fading` (N,) are standard normal numbers."""
+def _receive(
+    now: Instant, spec: RadarSpec, azimuth: Float64, altitude: Float64, solid_angle: Float64, fading: Float64
+) -> Echoes:
+    """Return the echoes of all rays that hit something, however weak; `fading` (N,) are standard normal numbers.
+    Received power falls with the range's 4th power. At a range of 100 m cars are found throughout, walls as far where
+    they face the sensor, asphalt to some 15 m.
+    """
     world_T_sensor, states = now.world_T_sensor, now.states
-    toward = _turn_into_axes(world_T_sensor, directions(view.azimuth_rad, view.altitude_rad))
+    toward = (directions(azimuth, altitude)[:, None, :] * world_T_sensor[:3, :3]).sum(axis=2)  # in the world's axes
     sensor_m = world_T_sensor[:3, 3]
     hits = now.caster.cast(Rays(sensor_m[None], toward.astype(np.float32), spec.range_m), states)
     material = now.caster.material(hits, states)
@@ -312,46 +258,15 @@ def _receive(now: Instant, spec: RadarSpec, view: RadarRays, fading: Float64) ->
     cos = np.clip(-(direction * hits.normal[hit]).sum(axis=1), _EDGE_ON, 1)
     sigma = sigma0_db(material[hit], body, cos)
     change = spec.rcs_noise_db * fading[hit] - radar_loss_db(now.weather, distance)
-    beam = sigma + 10 * np.log10(footprint_m2(distance, cos, np.full(len(hit), BEAM_SR))) + change
+    # Surfaces that the whole beam, and each ray, light up [m2].
+    beam, lit = BEAM_SR * distance * distance / cos, solid_angle[hit] * distance * distance / cos
     return Echoes(
         range_m=distance,
-        azimuth_rad=view.azimuth_rad[hit],
-        altitude_rad=view.altitude_rad[hit],
+        azimuth_rad=azimuth[hit],
+        altitude_rad=altitude[hit],
         speed_mps=radial_speeds(states, body, sensor_m + direction * distance[:, None], direction, sensor_m),
-        rcs_dbsm=sigma + 10 * np.log10(footprint_m2(distance, cos, view.solid_angle_sr[hit])) + change,
-        margin_db=margin_db(beam, distance, spec.range_m),
+        rcs_dbsm=sigma + 10 * np.log10(lit) + change,
+        margin_db=sigma + 10 * np.log10(beam) + change - 40 * np.log10(distance / spec.range_m) - FAINTEST_DBSM,
         body=body,
         true_range_m=distance,
     )
-
-
-def _false_echoes(echoes: Echoes, now: Instant, spec: RadarSpec, rng: np.random.Generator) -> tuple[Echoes, Echoes]:
-    world_T_sensor = now.world_T_sensor
-    axes = np.ascontiguousarray(world_T_sensor[:3, :3].T)  # a standing point along each axis approaches by the velocity
-    standing = np.full(3, MISS)
-    sensor_mps = -radial_speeds(now.states, standing, axes, axes, world_T_sensor[:3, 3])
-    return ghosts(echoes, spec, rng), clutter(spec, sensor_mps, rng)
-
-
-def _scan(echoes: Echoes, now: Instant) -> Scan:
-    """Points are those of the very polar values in the message."""
-    polar = [a.astype(np.float32) for a in (echoes.range_m, echoes.azimuth_rad, echoes.altitude_rad)]
-    range_m, azimuth, altitude = (a.astype(np.float64) for a in polar)
-    message = RadarScan(
-        now.sensor,
-        now.stamp_ns,
-        now.log_ns,
-        xyz=(directions(azimuth, altitude) * range_m[:, None]).astype(np.float32),
-        radial_velocity_mps=echoes.speed_mps.astype(np.float32),
-        rcs_dbsm=echoes.rcs_dbsm.astype(np.float32),
-        range_m=polar[0],
-        azimuth_rad=polar[1],
-        altitude_rad=polar[2],
-    )
-    return Scan(message, echoes.body, echoes.true_range_m)
-
-
-def _turn_into_axes(dst_T_src: Float64, vectors: Float64) -> Float64:
-    """Turn vectors (N, 3) without moving them."""
-    turned: Float64 = (vectors[:, None, :] * dst_T_src[:3, :3]).sum(axis=2)
-    return turned

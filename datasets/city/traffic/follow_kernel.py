@@ -12,16 +12,8 @@ import numpy as np
 
 from fbench.datasets.city.traffic.gate_kernel import GREEN, first_gate
 from fbench.datasets.city.traffic.network import ALONG, AXLE, CHANGE_S, CURVE, DRIVE, HERE, WINDOW, Roads
-from fbench.datasets.city.traffic.occupancy_kernel import (
-    Occupancy,
-    last_on,
-    leader,
-    leader_on_neighbor,
-    left_side,
-    nearest_point,
-    neighbor,
-)
-from fbench.datasets.city.traffic.path_kernel import curve, segment
+from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, last_on, leader, leader_on_neighbor, left_side
+from fbench.datasets.city.traffic.path_kernel import curve, nearest_point, neighbor, segment
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 
@@ -34,8 +26,7 @@ def free_acceleration(v: float, desired: float, a: float, b: float) -> float:
     if v <= desired:
         ratio = v / desired
         return a * (1.0 - ratio * ratio * ratio * ratio)
-    value: float = -b * (1.0 - (desired / v) ** (4.0 * a / b))
-    return value
+    return float(-b * (1.0 - (desired / v) ** (4.0 * a / b)))
 
 
 @kernel
@@ -43,8 +34,7 @@ def interaction(v: float, gap: float, closing: float, headway: float, standing: 
     """How much less [m/s^2] because of a leader at a net gap that shrinks at `closing` [m/s]: a (s* / s)^2."""
     wanted = standing + max(0.0, v * headway + 0.5 * v * closing / np.sqrt(a * b))
     ratio = wanted / max(gap, 0.01)
-    value: float = a * ratio * ratio
-    return value
+    return float(a * ratio * ratio)
 
 
 @kernel
@@ -54,8 +44,7 @@ def limit_braking(acceleration: float) -> float:
 
 
 _LOOK_S, _LOOK_M = 6.0, 30.0  # How far one looks ahead
-_SLOWING_MPS2 = 1.2
-_BRAKE_LIGHT_MPS2, _STANDING_MPS = 0.5, 0.1
+_SLOWING_MPS2, _BRAKE_LIGHT_MPS2, _STANDING_MPS = 1.2, 0.5, 0.1
 
 
 @kernel
@@ -80,8 +69,7 @@ def desired_speed(path: Float64, lanes: Array, me: np.void, way: Array) -> float
         entry = min(lane["speed_mps"] * me["factor"], path[lane["point_from"], CURVE])
         best = min(best, np.sqrt(entry * entry + 2 * _SLOWING_MPS2 * ahead))
         ahead += lane["length_m"]
-    value: float = best
-    return value
+    return float(best)
 
 
 @kernel
@@ -131,8 +119,7 @@ def accelerate(roads: Roads, gates: Array, lights: Array, movers: Array, way: Ar
 _EVERY = 10  # Steps between one's thoughts of a lane change
 _POLITENESS, _SAFE_MPS2, _THRESHOLD_MPS2, _BIAS_MPS2 = 0.2, 2.0, 0.15, 0.25
 """Share of others' loss that counts, hardest braking of the one behind, least gain, and what the right is worth."""
-_SLOWEST_MPS = 5.0
-_REST_S = 2.0  # Time between changes
+_SLOWEST_MPS, _REST_S = 5.0, 2.0  # Time between changes
 _APART_M = 40.0  # Two who change at the same time are so far apart
 
 
@@ -140,17 +127,23 @@ _APART_M = 40.0  # Two who change at the same time are so far apart
 def change_lanes(roads: Roads, gates: Array, movers: Array, way: Array, taken: Occupancy, step: int) -> int:
     """Let those change lanes who gain by it and are in nobody's way; return how many. Their ways end there."""
     path, lanes = roads.path, roads.lanes
-    changed = np.empty(len(movers), np.int64)
-    num = 0
+    changed, num = np.empty(len(movers), np.int64), 0
+    a, b = np.empty(9), np.empty(9)
     for i in range(len(movers)):
         if (step + i) % _EVERY or not _may_think(lanes, gates, movers[i], way[i]):
             continue
         side = _better_side(roads, movers, way[i], taken, i)
-        if side == 0 or _near_another(path, lanes, movers, way, i, changed[:num]):
+        if side == 0:
             continue
-        _begin(path, lanes, movers[i], way[i], side)
-        changed[num] = i
-        num += 1
+        near = False
+        curve(path, lanes[way[i, HERE]], movers[i]["at_m"], a)
+        for n in changed[:num]:
+            curve(path, lanes[way[n, HERE]], movers[n]["at_m"], b)
+            near = near or (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 < _APART_M * _APART_M
+        if not near:
+            _begin(path, lanes, movers[i], way[i], side)
+            changed[num] = i
+            num += 1
     return num
 
 
@@ -164,8 +157,7 @@ def _may_think(lanes: Array, gates: Array, me: np.void, way: Array) -> bool:
     if rear < me["side_from_m"] + me["side_for_m"] + _REST_S * v:
         return False
     _, _, ahead = first_gate(lanes, gates, me, way)
-    holds: bool = ahead > 5.0 * v + 10.0 and me["at_m"] > 0.5 * me["length_m"]
-    return holds
+    return bool(ahead > 5.0 * v + 10.0 and me["at_m"] > 0.5 * me["length_m"])
 
 
 @kernel
@@ -174,7 +166,7 @@ def _better_side(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: i
     lanes, me = roads.lanes, movers[i]
     v = me["speed_mps"]
     gap, n = leader(roads, movers, way, taken, i, far(v))
-    now = _wanted(lanes[way[HERE]], me, loss_to_leader(movers, i, v, gap, n))
+    now = _acceleration_on(lanes[way[HERE]], me, loss_to_leader(movers, i, v, gap, n))
     best, best_gain = 0, _THRESHOLD_MPS2
     for side in (-1, 1):
         lane = neighbor(lanes[way[HERE]], side)
@@ -187,14 +179,14 @@ def _better_side(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: i
         if gap < me["standing_gap_m"] + 0.5 * v * me["headway_s"] or then > _SAFE_MPS2:
             continue
         loss = _loss_behind(roads.path, lanes, movers, way, taken, i, side)
-        gain = _wanted(lanes[lane], me, then) - now - _POLITENESS * loss - side * _BIAS_MPS2
+        gain = _acceleration_on(lanes[lane], me, then) - now - _POLITENESS * loss - side * _BIAS_MPS2
         if loss < _SAFE_MPS2 and gain > best_gain:
             best, best_gain = side, gain
     return best
 
 
 @kernel
-def _wanted(lane: np.void, me: np.void, less: float) -> float:
+def _acceleration_on(lane: np.void, me: np.void, less: float) -> float:
     """Acceleration on a lane, where whoever is ahead takes `less` away."""
     allowed = min(me["fastest_mps"], lane["speed_mps"] * me["factor"])
     return free_acceleration(me["speed_mps"], allowed, me["acceleration_mps2"], me["braking_mps2"]) - less
@@ -225,17 +217,6 @@ def _loss_behind(path: Float64, lanes: Array, movers: Array, way: Array, taken: 
         if me["at_m"] + offset > far(me["speed_mps"]):
             return 0.0
     return 0.0
-
-
-@kernel
-def _near_another(path: Float64, lanes: Array, movers: Array, way: Array, i: int, changed: Array) -> bool:
-    a, b = np.empty(9), np.empty(9)
-    curve(path, lanes[way[i, HERE]], movers[i]["at_m"], a)
-    for n in changed:
-        curve(path, lanes[way[n, HERE]], movers[n]["at_m"], b)
-        if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 < _APART_M * _APART_M:
-            return True
-    return False
 
 
 @kernel

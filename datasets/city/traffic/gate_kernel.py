@@ -41,7 +41,7 @@ def has_room(lanes: Array, movers: Array, way: Array, taken: Occupancy, i: int, 
                 continue
             other = movers[n]
             rear = at - 0.5 * other["length_m"]
-            if rear < end and not _goes_to(way[n], way[i, last]):
+            if rear < end and not (way[n, HERE - 1 :] == way[i, last]).any():
                 continue
             if other["speed_mps"] < min(_QUEUE_MPS, _QUEUE_SHARE * other["fastest_mps"]):
                 return bool(rear - needed >= end)
@@ -53,20 +53,11 @@ def has_room(lanes: Array, movers: Array, way: Array, taken: Occupancy, i: int, 
 
 
 @kernel
-def _goes_to(way: Array, lane: int) -> bool:
-    for k in range(HERE - 1, WINDOW):  # noqa: SIM110  # no generators in kernels
-        if way[k] == lane:
-            return True
-    return False
-
-
-@kernel
 def is_clear(
     lanes: Array, gates: Array, conflicts: Array, movers: Array, way: Array, i: int, k: int, g: int, last: int,
     held: Holders, blocked: Array, blocker: Array,
 ) -> bool:  # fmt: skip
     """Whether nobody has, or was just given, a right to what meets the gates from `g` to those at place `last`.
-
     `blocked` (B,) are lanes that were just given or are kept free, and `blocker` (B,) for whom.
     """
     for m in range(k, last + 1):
@@ -78,21 +69,16 @@ def is_clear(
                 met = conflicts[c]
                 for row in range(held.first[met["lane"]], held.first[met["lane"] + 1]):
                     n, rear = held.who[row], held.rear_m[row]
-                    if n != i and rear < met["to_m"] and _may_reach(movers[n], met["from_m"], rear):
+                    other = movers[n]
+                    # Its right, or its body, goes beyond where the lane meets the gate.
+                    begin = other["base_m"] + other["at_m"] - 0.5 * other["length_m"] - rear
+                    beyond = other["right_to_m"] > begin + met["from_m"] + 1e-6
+                    if n != i and rear < met["to_m"] and (beyond or rear + other["length_m"] > met["from_m"]):
                         return False
                 for row in range(len(blocked)):
                     if blocked[row] == met["lane"] and blocker[row] != i:
                         return False
     return True
-
-
-@kernel
-def _may_reach(other: np.void, from_m: float, rear: float) -> bool:
-    """Whether a mover's right goes beyond `from_m` of a lane, of which its rear is at `rear`."""
-    begin = other["base_m"] + other["at_m"] - 0.5 * other["length_m"] - rear
-    front = rear + other["length_m"]
-    holds: bool = other["right_to_m"] > begin + from_m + 1e-6 or front > from_m
-    return holds
 
 
 RED, YELLOW, GREEN = 0, 1, 2
@@ -109,16 +95,13 @@ _ASK_MPS2, _STOP_MPS2 = 2.0, 3.0
 """One asks early enough to brake as gently as this, and stops at yellow where this is enough."""
 _ASK_S = 4.0  # Vehicles that go straight on or turn right ask at least so long before
 _PATIENCE_S, _LEFT_PATIENCE_S = 4.0, 7.0  # After how long one is waited for, and who turns left
-_FIRST = 1e6
-_AT_LINE_M = 3.0
-_LONGEST_CHAIN = 8
+_FIRST, _AT_LINE_M, _LONGEST_CHAIN = 1e6, 3.0, 8
 
 
 @kernel
 def first_gate(lanes: Array, gates: Array, me: np.void, way: Array) -> tuple[int, int, float]:
-    """The next gate on a mover's way that it has no right to: place in the way, gate, distance from its front.
-
-    The gate is -1 where there is none within its window.
+    """The next gate on a mover's way that it has no right to: place in the way, gate, distance from its front. The gate
+    is -1 where there is none within its window.
     """
     offset = 0.0
     for k in range(HERE, WINDOW):
@@ -137,10 +120,8 @@ def give_rights(
     held: Holders, asking: Array,
 ) -> None:  # fmt: skip
     """Give rights to those who ask, in their order, where nobody holds one that is in the way."""
-    blocked, blocker = (
-        np.empty(len(movers) * _LONGEST_CHAIN, np.int64),
-        np.empty(len(movers) * _LONGEST_CHAIN, np.int64),
-    )
+    most = len(movers) * _LONGEST_CHAIN
+    blocked, blocker = np.empty(most, np.int64), np.empty(most, np.int64)
     num = 0
     for i in asking:
         me = movers[i]
@@ -158,27 +139,20 @@ def give_rights(
 
 @kernel
 def take_back(lanes: Array, lights: Array, movers: Array, way: Array) -> None:
-    """Take back rights where the signal has changed and one can still stop."""
+    """Take back rights where the signal of the next gate with one isn't green any more and one can stop before it."""
     for i in range(len(movers)):
-        _take_back(lanes, lights, movers[i], way[i])
-
-
-@kernel
-def _take_back(lanes: Array, lights: Array, me: np.void, way: Array) -> None:
-    """Where the signal of the next gate with a right isn't green any more and one can stop before it."""
-    offset = 0.0
-    front = me["at_m"] + 0.5 * me["length_m"]
-    for k in range(HERE, WINDOW - 1):
-        lane = lanes[way[k]]
-        offset += lane["length_m"]
-        if me["base_m"] + offset > me["right_to_m"]:
-            return
-        ahead = offset - front - me["margin_m"]
-        if lane["signal"] >= 0 and ahead > 0.0 and not _may_ask(lanes, lights, way, k + 1, ahead):
-            v = me["speed_mps"]
-            if v * v / (2 * _STOP_MPS2) < ahead:
+        me, offset = movers[i], 0.0
+        front, v = me["at_m"] + 0.5 * me["length_m"], me["speed_mps"]
+        for k in range(HERE, WINDOW - 1):
+            lane = lanes[way[i, k]]
+            offset += lane["length_m"]
+            if me["base_m"] + offset > me["right_to_m"]:
+                break
+            ahead = offset - front - me["margin_m"]
+            can_stop = ahead > 0.0 and v * v / (2 * _STOP_MPS2) < ahead
+            if lane["signal"] >= 0 and can_stop and not _may_ask(lanes, lights, way[i], k + 1, ahead):
                 me["right_to_m"] = me["base_m"] + offset
-                return
+                break
 
 
 @kernel
@@ -225,10 +199,8 @@ def asking_movers(
         me = movers[i]
         k, g, ahead = first_gate(roads.lanes, gates, me, way[i])
         v, lane = me["speed_mps"], roads.lanes[way[i, max(k, HERE)]]
-        if g < 0 or ahead > _ask_m(lane, v):
-            me["waited_s"] = 0.0
-            continue
-        if gates[g]["from_m"] <= 0.0 and k > HERE and not _may_ask(roads.lanes, lights, way[i], k, ahead):
+        asks = g >= 0 and ahead <= _ask_m(lane, v)
+        if not asks or (gates[g]["from_m"] <= 0.0 and k > HERE and not _may_ask(roads.lanes, lights, way[i], k, ahead)):
             me["waited_s"] = 0.0
             continue
         gap, n = leader(roads, movers, way[i], taken, i, ahead + 1.0)
@@ -251,8 +223,7 @@ def asking_movers(
 def _may_ask(lanes: Array, lights: Array, way: Array, k: int, ahead: float) -> bool:
     """Whether the signal before the lane at place `k` allows it: at yellow only to turn left, from the line."""
     now = lights[way[k - 1]]
-    holds: bool = now == GREEN or (now == YELLOW and ahead < _AT_LINE_M and lanes[way[k]]["turns_left"] > 0)
-    return holds
+    return bool(now == GREEN or (now == YELLOW and ahead < _AT_LINE_M and lanes[way[k]]["turns_left"] > 0))
 
 
 @kernel
@@ -264,18 +235,14 @@ def _patience_s(lane: np.void) -> float:
 def _ask_m(lane: np.void, v: float) -> float:
     """How far before a gate on a lane one asks for the right to it."""
     gently = v * v / (2 * _ASK_MPS2) + v + 3.0
-    if lane["kind"] != DRIVE or lane["turns_left"]:
-        return gently
-    return max(gently, _ASK_S * v)
+    return gently if lane["kind"] != DRIVE or lane["turns_left"] else max(gently, _ASK_S * v)
 
 
 @kernel
 def _has_right(other: np.void, gap: float, ahead: float) -> bool:
     """Whether a leader, `gap` before one's front, may pass the gate that is `ahead` of this front."""
-    middle = gap + 0.5 * other["length_m"]
     allowed = other["right_to_m"] - other["base_m"] - other["at_m"]
-    holds: bool = allowed > ahead - middle + 1e-3
-    return holds
+    return bool(allowed > ahead - (gap + 0.5 * other["length_m"]) + 1e-3)
 
 
 @kernel
@@ -283,9 +250,7 @@ def _chain(
     lanes: Array, gates: Array, lights: Array, me: np.void, way: Array, k: int, g: int, passed: Array
 ) -> tuple[int, float, int]:
     """Gates from `g` on without room to stop between: place in the way of the last, its end as seen from `HERE`, and
-    how many; `passed` receives their lanes.
-
-    The place is -1 where a signal isn't green or the way is too short to tell.
+    how many; `passed` receives their lanes. The place is -1 where a signal isn't green or the way is too short to tell.
     """
     offset = 0.0
     for m in range(HERE, k):

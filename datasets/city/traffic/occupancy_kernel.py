@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.datasets.city.traffic.network import ALONG, AXLE, HERE, WINDOW, Roads
-from fbench.datasets.city.traffic.path_kernel import segment, sideways
+from fbench.datasets.city.traffic.network import AXLE, HERE, WINDOW, Roads
+from fbench.datasets.city.traffic.path_kernel import nearest_point, neighbor, sideways
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 
@@ -18,21 +18,6 @@ class Occupancy(NamedTuple):
     first: Array  # (L + 1,)
     who: Array
     at_m: Float64  # Its middle, counted from the lane's beginning; may be before it or beyond the end
-
-
-@kernel
-def nearest_point(path: Float64, lane: np.void, other: np.void, s: float) -> float:
-    """Where along `other`, which runs beside `lane`, one is at `s` of it."""
-    if s <= 0.0:
-        return s
-    if s >= lane["length_m"]:
-        value: float = other["length_m"] + s - lane["length_m"]
-        return value
-    i = segment(path, lane, s)
-    j = other["point_from"] + i - lane["point_from"]
-    share = (s - path[i, ALONG]) / (path[i + 1, ALONG] - path[i, ALONG])
-    value = path[j, ALONG] + share * (path[j + 1, ALONG] - path[j, ALONG])
-    return value  # noqa: RET504  # typed above
 
 
 @kernel
@@ -53,13 +38,6 @@ def left_sides(movers: Array) -> Array:
     for i in range(len(movers)):
         sides[i] = left_side(movers[i])
     return sides
-
-
-@kernel
-def neighbor(lane: np.void, side: int) -> int:
-    """Lane to the left (1) or to the right (-1) of one; -1 for none."""
-    found: int = lane["left"] if side > 0 else lane["right"]
-    return found
 
 
 @kernel
@@ -88,20 +66,15 @@ def occupancy(path: Float64, lanes: Array, movers: Array, way: Array) -> Occupan
                 count += 1
             offset += lanes[lane]["length_m"]
             k += 1
-    return _sort_by_lane(len(lanes), on[:count], whos[:count], ats[:count])
-
-
-@kernel
-def _sort_by_lane(num_lanes: int, lanes: Array, whos: Array, ats: Float64) -> Occupancy:
-    first = np.zeros(num_lanes + 1, np.int64)
-    for lane in lanes:
+    first = np.zeros(len(lanes) + 1, np.int64)
+    for lane in on[:count]:
         first[lane + 1] += 1
-    for lane in range(num_lanes):
+    for lane in range(len(lanes)):
         first[lane + 1] += first[lane]
-    filled = np.zeros(num_lanes, np.int64)
-    who, at = np.empty(len(lanes), np.int64), np.empty(len(lanes))
-    for n in range(len(lanes)):
-        lane = lanes[n]
+    filled = np.zeros(len(lanes), np.int64)
+    who, at = np.empty(count, np.int64), np.empty(count)
+    for n in range(count):
+        lane = on[n]
         row = first[lane] + filled[lane]
         while row > first[lane] and at[row - 1] > ats[n]:
             at[row], who[row] = at[row - 1], who[row - 1]
@@ -190,7 +163,6 @@ def _parting(roads: Roads, movers: Array, taken: Occupancy, lane: int, s: float,
 
 def near_pairs(now: Float64, then: Float64, sizes: Float64, margin_m: float) -> Array:
     """Pairs (M, 2) of bodies that may come nearer than 2 margins, whether they go on from `now` to `then` or stay.
-
     `now` and `then` (N, 9) are poses, `sizes` (N, 2) lengths and widths. Circles around the bodies, along x and y.
     """
     x, y = then[:, 0], then[:, 1]

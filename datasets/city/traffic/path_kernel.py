@@ -17,8 +17,26 @@ def segment(path: Float64, lane: np.void, s: float) -> int:
             low = mid
         else:
             high = mid
-    found: int = low
-    return found
+    return int(low)
+
+
+@kernel
+def nearest_point(path: Float64, lane: np.void, other: np.void, s: float) -> float:
+    """Where along `other`, which runs beside `lane`, one is at `s` of it."""
+    if s <= 0.0:
+        return s
+    if s >= lane["length_m"]:
+        return float(other["length_m"] + s - lane["length_m"])
+    i = segment(path, lane, s)
+    j = other["point_from"] + i - lane["point_from"]
+    share = (s - path[i, ALONG]) / (path[i + 1, ALONG] - path[i, ALONG])
+    return float(path[j, ALONG] + share * (path[j + 1, ALONG] - path[j, ALONG]))
+
+
+@kernel
+def neighbor(lane: np.void, side: int) -> int:
+    """Lane to the left (1) or to the right (-1) of one; -1 for none."""
+    return int(lane["left"] if side > 0 else lane["right"])
 
 
 @kernel
@@ -151,16 +169,15 @@ def choose_next(lanes: Array, nexts: Array, lane: int, length_m: float, drawn: f
         if lanes[nexts[n]["lane"]]["longest_m"] >= length_m:
             total += nexts[n]["weight"]
     if total == 0.0:
-        found: int = nexts[first + int(drawn * (last - first))]["lane"]
-        return found
+        return int(nexts[first + int(drawn * (last - first))]["lane"])
     left = drawn * total
     for n in range(first, last):
         if lanes[nexts[n]["lane"]]["longest_m"] >= length_m:
             left -= nexts[n]["weight"]
-            found = nexts[n]["lane"]
+            lane = int(nexts[n]["lane"])
             if left < 0.0:
-                return found
-    return found
+                break
+    return lane
 
 
 MARGIN_M = 0.05
@@ -177,20 +194,18 @@ def overlaps(p: Float64, q: Float64, size_p: Float64, size_q: Float64, margin: f
     cp, sp, cq, sq = np.cos(p[6]), np.sin(p[6]), np.cos(q[6]), np.sin(q[6])
     cos, sin = abs(cp * cq + sp * sq), abs(cp * sq - sp * cq)
     lp, wp, lq, wq = 0.5 * size_p[0] + margin, 0.5 * size_p[1] + margin, 0.5 * size_q[0], 0.5 * size_q[1]
-    holds: bool = (
+    return bool(
         abs(dx * cp + dy * sp) < lp + lq * cos + wq * sin
         and abs(dy * cp - dx * sp) < wp + lq * sin + wq * cos
         and abs(dx * cq + dy * sq) < lq + lp * cos + wp * sin
         and abs(dy * cq - dx * sq) < wq + lp * sin + wp * cos
     )
-    return holds
 
 
 @kernel
 def stop_before_touching(movers: Array, now: Float64, then: Float64, sizes: Float64, pairs: Array) -> int:
-    """Stop at once who would touch another within the step: whoever is behind, else who has the higher number.
-
-    `now` and `then` (N, 9) are poses at the step's beginning and end; rows of `then` become those of `now` for who is
+    """Stop at once who would touch another within the step: whoever is behind, else who has the higher number. `now`
+    and `then` (N, 9) are poses at the step's beginning and end; rows of `then` become those of `now` for who is
     stopped. `pairs` (M, 2) are those of `near_pairs`. Returns how many of those who were stopped drove.
     """
     num, changed = 0, True

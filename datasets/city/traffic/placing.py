@@ -1,36 +1,20 @@
 """Placing of everybody at the beginning, and what drivers, riders and walkers are like."""
 
+from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal
 
 import numpy as np
 
-from fbench.datasets.city.mesh import Actor, Body
+from fbench.datasets.city.mesh import Body
 from fbench.datasets.city.spec import WorldName
 from fbench.datasets.city.traffic.network import BIKE, DRIVE, HERE, MOVER, NUM_CHOICES, WALK, WINDOW, Network, State
 from fbench.datasets.city.traffic.path_kernel import extend
-from fbench.datasets.city.world.city_map import CityMap
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.arrays import Array, Float64
-
-
-@dataclass(frozen=True)
-class Driver:
-    """What one mover is like: fields of `MOVER` of the same names, which says what they mean."""
-
-    kind: int
-    factor: float
-    fastest_mps: float
-    headway_s: float
-    standing_gap_m: float
-    acceleration_mps2: float
-    braking_mps2: float
-    margin_m: float
-    keeps_right: bool = False
-    cycle_m: float = 0.0
+from fbench.replay.data.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -61,108 +45,82 @@ _STRIDE_M, _TALL_M, _PEDALS_M = 1.4, 1.75, 4.5
 """A cycle of two steps of a person this tall; what a turn of the pedals goes."""
 
 
-def draw_driver(label: str, height_m: float, spread: float, draw: np.random.Generator) -> Driver:
-    """Draw whoever moves a body."""
-    habits = HABITS[label]
-    walks, rides = label == "pedestrian", label == "bicycle"
+def draw_driver(me: np.void, body: Body, spread: float, draw: np.random.Generator) -> None:
+    """Draw whoever moves a body: what a mover of `MOVER` is like."""
+    habits, walks, rides = HABITS[body.label], body.label == "pedestrian", body.label == "bicycle"
+    me["length_m"], me["width_m"], height_m = body.size_lwh_m
     factor = float(np.clip(draw.normal(1.0, spread), 0.8, 1.2))
-    return Driver(
-        WALK if walks else BIKE if rides else DRIVE,
-        1.0 if walks or rides else factor,
-        float(draw.uniform(*habits.fastest_mps)), float(draw.uniform(*habits.headway_s)),
-        habits.standing_gap_m, float(draw.uniform(*habits.acceleration_mps2)), habits.braking_mps2, habits.margin_m,
-        label in ("truck", "bus"),
-        _STRIDE_M * height_m / _TALL_M if walks else _PEDALS_M if rides else 0.0,
-    )  # fmt: skip
+    me["kind"], me["factor"] = (WALK, 1.0) if walks else (BIKE, 1.0) if rides else (DRIVE, factor)
+    for name in ("fastest_mps", "headway_s", "acceleration_mps2"):
+        me[name] = draw.uniform(*getattr(habits, name))
+    for name in ("standing_gap_m", "braking_mps2", "margin_m"):
+        me[name] = getattr(habits, name)
+    me["keeps_right"] = body.label in ("truck", "bus")
+    me["cycle_m"] = _STRIDE_M * height_m / _TALL_M if walks else _PEDALS_M if rides else 0.0
 
 
-_TRIES = 300
+_TRIES, _LEAST_LANE_M = 300, 6.0
 _START = 0.7  # Share of the desired speed at first
-_FREE_M = {0: 6.0, 1: 3.0, 2: 1.0}
-_FREE_S = {0: 0.8, 1: 0.5, 2: 0.5}  # Least gap to others: in meters, and in seconds of one's speed on top
-_LEAST_LANE_M = 6.0
+_FREE = {DRIVE: (6.0, 0.8), BIKE: (3.0, 0.5), WALK: (1.0, 0.5)}
+"""Least gap to others: in meters, and in seconds of one's speed on top."""
 _LEAVING_MPS2 = 1.5  # One can brake so gently and stop at the end of the lane
 
 
-@dataclass
-class Place:
-    """A mover's beginning."""
-
-    lane: int
-    at_m: float
-    speed_mps: float
-
-
 def place_movers(net: Network, bodies: list[Body], spread: float, seed: int) -> tuple[list[Body], State]:
-    """Place bodies on lanes of their kind, the longest first; who finds no place stays away.
-
-    Returns those who have a place, in their order, and their state.
+    """Place bodies on lanes of their kind, the longest first; who finds no place stays away. Returns those who have a
+    place, in their order, and their state.
     """
-    drivers = [draw_driver(body.label, body.size_lwh_m[2], spread, generator(seed, "traffic", "driver", i))
-               for i, body in enumerate(bodies)]  # fmt: skip
-    draw = generator(seed, "traffic", "places")
-    found: dict[int, Place] = {}
-    taken: dict[int, list[tuple[float, float]]] = {}
+    movers, on = np.zeros(len(bodies), MOVER), np.full(len(bodies), -1)
+    for i, body in enumerate(bodies):
+        draw_driver(movers[i], body, spread, generator(seed, "traffic", "driver", i))
+    draw, taken = generator(seed, "traffic", "places"), defaultdict[int, list[tuple[float, float]]](list)
     for i in sorted(range(len(bodies)), key=lambda k: (-bodies[k].size_lwh_m[0], k)):
-        place = _place(net, bodies[i].size_lwh_m[0], drivers[i], taken, draw)
-        if place is not None:
-            found[i] = place
-            taken.setdefault(place.lane, []).append((place.at_m, bodies[i].size_lwh_m[0]))
-    keep = sorted(found)
-    state = _state(net, [bodies[i] for i in keep], [drivers[i] for i in keep], [found[i] for i in keep], seed)
-    return [bodies[i] for i in keep], state
+        on[i] = _place(net, movers[i], taken, draw)
+    keep = np.flatnonzero(on >= 0)
+    movers, on = movers[keep], on[keep]
+    draws = [generator(seed, "traffic", "ways", i) for i in range(len(keep))]
+    movers["base_m"] = [draw.uniform(0, 100) for draw in draws]
+    movers["right_to_m"] = movers["base_m"] + movers["at_m"] + movers["length_m"] / 2
+    movers["side_from_m"], movers["side_for_m"] = -1e9, 1.0
+    choices = np.array([draw.random(NUM_CHOICES) for draw in draws]).reshape(len(keep), NUM_CHOICES)
+    # Lanes behind each mover are the first that lead there, -1 where none does.
+    before = np.full(len(net.lanes), -1)
+    for lane in range(len(before) - 1, -1, -1):
+        before[_after(net, lane)] = lane
+    ways = np.full((len(keep), WINDOW), -1, np.int64)
+    ways[:, HERE] = on
+    for k in range(HERE, 0, -1):
+        ways[:, k - 1] = np.where(ways[:, k] >= 0, before[ways[:, k]], -1)
+    extend(net.lanes, net.nexts, movers, ways, choices)
+    return [bodies[i] for i in keep], State(movers, ways, choices, np.zeros(2, np.int64))
 
 
-def place_parked(city_map: CityMap, bodies: list[Body], rows: Array) -> tuple[list[Actor], Float64]:
-    """Actors that stand in places to park, and their x, y, z, yaw (K, 4)."""
-    places = [city_map.parkings[row] for row in rows]
-    at = np.array([[*place.position_m, place.yaw_rad] for place in places], np.float64).reshape(-1, 4)
-    return [Actor(body, parked=True) for body in bodies], at
-
-
-def _place(
-    net: Network,
-    length_m: float,
-    driver: Driver,
-    taken: dict[int, list[tuple[float, float]]],
-    draw: np.random.Generator,
-) -> Place | None:
-    room = np.where(_usable(net, length_m, driver), np.maximum(net.lanes["length_m"] - length_m - 2.0, 0.0), 0.0)
-    room[net.lanes["length_m"] < _LEAST_LANE_M] = 0.0
+def _place(net: Network, me: np.void, taken: dict[int, list[tuple[float, float]]], draw: np.random.Generator) -> int:
+    """Set where a mover begins, and how fast; return its lane, -1 for none. `taken` are places and lengths by lane."""
+    lanes, length_m = net.lanes, float(me["length_m"])
+    usable = (lanes["kind"] == me["kind"]) & (lanes["longest_m"] >= length_m) & (lanes["length_m"] >= _LEAST_LANE_M)
+    if me["keeps_right"]:
+        usable &= lanes["right"] < 0
+    room = np.where(usable, np.maximum(lanes["length_m"] - length_m - 2.0, 0.0), 0.0)
     if not room.sum():
-        return None
-    edges = np.cumsum(room)
+        return -1
+    edges, (free_m, free_s) = np.cumsum(room), _FREE[int(me["kind"])]
     for _ in range(_TRIES):
         lane = int(np.searchsorted(edges, draw.random() * edges[-1], side="right"))
         at = 1.0 + length_m / 2 + float(draw.random()) * float(room[lane])
-        speed = _START * min(driver.fastest_mps, float(net.lanes["speed_mps"][lane]) * driver.factor)
-        if _stops(net, lane):
-            left_m = net.lanes["length_m"][lane] - at - length_m / 2
+        speed = _START * float(min(me["fastest_mps"], lanes["speed_mps"][lane] * me["factor"]))
+        after = _after(net, lane)
+        if (lanes["gate_to"][after] > lanes["gate_from"][after]).any():  # one may have to stop at the lane's end
+            left_m = lanes["length_m"][lane] - at - length_m / 2
             speed = min(speed, float(np.sqrt(2 * _LEAVING_MPS2 * left_m)))
-        gap = _FREE_M[driver.kind] + _FREE_S[driver.kind] * speed
-        apart = [abs(at - other) - (length_m + long) / 2 for other, long in taken.get(lane, [])]
-        if min(apart, default=np.inf) >= gap and not _in_gate(net, lane, at, length_m):
-            return Place(lane, at, speed)
-    return None
-
-
-def _usable(net: Network, length_m: float, driver: Driver) -> Array:
-    fits = (net.lanes["kind"] == driver.kind) & (net.lanes["longest_m"] >= length_m)
-    if driver.keeps_right:
-        fits &= net.lanes["right"] < 0
-    return np.asarray(fits)
-
-
-def _stops(net: Network, lane: int) -> bool:
-    """Whether one may have to stop at the end of a lane: a gate follows."""
-    after = _after(net, lane)
-    return bool((net.lanes["gate_to"][after] > net.lanes["gate_from"][after]).any())
-
-
-def _in_gate(net: Network, lane: int, at: float, length_m: float) -> bool:
-    gates = net.gates[net.lanes["gate_from"][lane] : net.lanes["gate_to"][lane]]
-    near = (gates["from_m"] < at + length_m / 2 + 2.0) & (gates["to_m"] > at - length_m / 2 - 2.0)
-    return bool(near.any())
+        apart = [abs(at - other) - (length_m + long) / 2 for other, long in taken[lane]]
+        gates = net.gates[lanes["gate_from"][lane] : lanes["gate_to"][lane]]
+        in_gate = (gates["from_m"] < at + length_m / 2 + 2.0) & (gates["to_m"] > at - length_m / 2 - 2.0)
+        if min(apart, default=np.inf) >= free_m + free_s * speed and not in_gate.any():
+            me["at_m"], me["speed_mps"] = at, speed
+            taken[lane].append((at, length_m))
+            return lane
+    return -1
 
 
 def _after(net: Network, lane: int) -> Array:
@@ -170,42 +128,9 @@ def _after(net: Network, lane: int) -> Array:
     return np.asarray(net.nexts["lane"][net.lanes["next_from"][lane] : net.lanes["next_to"][lane]])
 
 
-def _state(net: Network, bodies: list[Body], drivers: list[Driver], places: list[Place], seed: int) -> State:
-    movers = np.zeros(len(bodies), MOVER)
-    draws = [generator(seed, "traffic", "ways", i) for i in range(len(bodies))]
-    for entry in fields(Driver):
-        movers[entry.name] = [getattr(driver, entry.name) for driver in drivers]
-    movers["length_m"] = [body.size_lwh_m[0] for body in bodies]
-    movers["width_m"] = [body.size_lwh_m[1] for body in bodies]
-    movers["at_m"], movers["speed_mps"] = [p.at_m for p in places], [p.speed_mps for p in places]
-    movers["base_m"] = [draw.uniform(0, 100) for draw in draws]
-    movers["right_to_m"] = movers["base_m"] + movers["at_m"] + movers["length_m"] / 2
-    movers["side_from_m"], movers["side_for_m"] = -1e9, 1.0
-    choices = np.array([draw.random(NUM_CHOICES) for draw in draws]).reshape(len(bodies), NUM_CHOICES)
-    state = State(movers, _ways(net, places), choices, np.zeros(2, np.int64))
-    extend(net.lanes, net.nexts, movers, state.way, choices)
-    return state
-
-
-def _ways(net: Network, places: list[Place]) -> Array:
-    """Lanes behind each mover, the first that lead there, -1 where none does; those ahead are -1."""
-    before = np.full(len(net.lanes), -1)
-    for lane in range(len(before) - 1, -1, -1):
-        before[_after(net, lane)] = lane
-    ways = np.full((len(places), WINDOW), -1, np.int64)
-    for i, place in enumerate(places):
-        ways[i, HERE] = place.lane
-        for k in range(HERE, 0, -1):
-            ways[i, k - 1] = before[ways[i, k]] if ways[i, k] >= 0 else -1
-    return ways
-
-
-URBAN_MIX: Mapping[str, float] = MappingProxyType(
-    {"car": 0.78, "van": 0.1, "truck": 0.04, "bus": 0.04, "motorcycle": 0.04}
-)
-HIGHWAY_MIX: Mapping[str, float] = MappingProxyType(
-    {"car": 0.72, "van": 0.09, "truck": 0.14, "bus": 0.02, "motorcycle": 0.03}
-)
+_MOTOR = ("car", "van", "truck", "bus", "motorcycle")
+URBAN_MIX = MappingProxyType(dict(zip(_MOTOR, (0.78, 0.1, 0.04, 0.04, 0.04), strict=True)))
+HIGHWAY_MIX = MappingProxyType(dict(zip(_MOTOR, (0.72, 0.09, 0.14, 0.02, 0.03), strict=True)))
 """Shares of moving vehicles: passenger cars dominate, on motorways one vehicle in seven is a truck."""
 
 

@@ -7,49 +7,47 @@ from typing import Final
 import numpy as np
 
 from fbench.datasets.city.bodies.make import make_body
-from fbench.datasets.city.instant import BodyStates, Motion
+from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.mesh import Actor, Body
 from fbench.datasets.city.traffic.follow_kernel import accelerate, change_lanes
 from fbench.datasets.city.traffic.gate_kernel import asking_movers, give_rights, holders, lights_at, take_back
 from fbench.datasets.city.traffic.network import CHANGE, DRIVE, EMERGENCY, HERE, KINDS, Network, State, network_of
-from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, leader, left_sides, near_pairs, occupancy
+from fbench.datasets.city.traffic.occupancy_kernel import leader, left_sides, near_pairs, occupancy
 from fbench.datasets.city.traffic.path_kernel import MARGIN_M, extend, move, poses, stop_before_touching
-from fbench.datasets.city.traffic.placing import TrafficParams, place_movers, place_parked
+from fbench.datasets.city.traffic.placing import TrafficParams, place_movers
 from fbench.datasets.city.world.city_map import CityMap, Layout, SignalPlan
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.arrays import Array, Bool, Float64
+from fbench.replay.data.arrays import Array, Float64
+
+STEP_S: Final = 0.1
+_WARM_UP_STEPS: Final = 450  # Steps before the log begins, so that queues and gaps are as they always are
+_WALKERS: Final = 24  # Different pedestrians in a world: each has the meshes of a whole gait
+_EGO_LENGTH_M: Final = (4.3, 4.7)
 
 
-def decide(net: Network, state: State, sizes: Float64, step: int, step_s: float) -> None:
+def decide(net: Network, state: State, sizes: Float64, step: int) -> None:
     """Set what everybody does from step `step` to the next; `sizes` (N, 2) are lengths and widths."""
-    taken, lights, roads = find_occupancy(net, state), lights_at(net, step * step_s), net.roads
+    taken = occupancy(net.path, net.lanes, state.movers, state.way)
+    lights, roads = lights_at(net, step * STEP_S), net.roads
     num_changed = change_lanes(roads, net.gates, state.movers, state.way, taken, step)
     if num_changed:
         extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
     take_back(net.lanes, lights, state.movers, state.way)
     held = holders(net.lanes, state.movers, state.way)
-    asking = asking_movers(net.roads, net.gates, lights, state.movers, state.way, taken, step_s)
+    asking = asking_movers(net.roads, net.gates, lights, state.movers, state.way, taken, STEP_S)
     give_rights(net.lanes, net.gates, net.conflicts, lights, state.movers, state.way, taken, held, asking)
     accelerate(roads, net.gates, lights, state.movers, state.way, taken)
+    now, then = poses_of(net, state, 0.0), poses_of(net, state, STEP_S)
+    pairs = near_pairs(now, then, sizes, MARGIN_M)
     state.counters[CHANGE] += num_changed
-    state.counters[EMERGENCY] += _stop_before_touching(net, state, sizes, step_s)
+    state.counters[EMERGENCY] += stop_before_touching(state.movers, now, then, sizes, pairs)
 
 
-def _stop_before_touching(net: Network, state: State, sizes: Float64, step_s: float) -> int:
-    now, then = poses_of(net, state, 0.0), poses_of(net, state, step_s)
-    return stop_before_touching(state.movers, now, then, sizes, near_pairs(now, then, sizes, MARGIN_M))
-
-
-def advance(net: Network, state: State, step_s: float) -> None:
+def advance(net: Network, state: State) -> None:
     """Do what was decided."""
-    move(net.lanes, state.movers, state.way, step_s)
+    move(net.lanes, state.movers, state.way, STEP_S)
     extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
-
-
-def find_occupancy(net: Network, state: State) -> Occupancy:
-    """Find who is where on each lane."""
-    return occupancy(net.path, net.lanes, state.movers, state.way)
 
 
 def poses_of(net: Network, state: State, since_s: float) -> Float64:
@@ -58,14 +56,13 @@ def poses_of(net: Network, state: State, since_s: float) -> Float64:
 
 
 @dataclass(frozen=True, eq=False)
-class PlayedMotion:
-    """What everybody does in some steps; implements `Motion`."""
+class Motion:
+    """What everybody does in some steps; never changes, so threads can share it."""
 
     net: Network
     signals: SignalPlan
     states: tuple[State, ...]  # One for each step, as decided at its beginning
     first_step: int
-    step_s: float
     from_s: float
     to_s: float
     parked: Float64  # (K, 4) x, y, z, yaw
@@ -74,39 +71,29 @@ class PlayedMotion:
         """Return the bodies at a time from `from_s` to `to_s`. Raises ConfigError at another time."""
         if not self.from_s - 1e-9 <= time_s <= self.to_s + 1e-9:
             raise ConfigError(f"motion: expected a time from {self.from_s:g} to {self.to_s:g} s, got {time_s:g} s")
-        step = step_of(time_s, self.step_s)
+        step = step_of(time_s)
         state = self.states[min(max(step - self.first_step, 0), len(self.states) - 1)]
-        since = max(time_s - step * self.step_s, 0.0)
-        moving, still = poses_of(self.net, state, since), np.zeros(len(self.parked))
+        since = max(time_s - step * STEP_S, 0.0)
+        moving, still, movers = poses_of(self.net, state, since), np.zeros(len(self.parked)), state.movers
+        walks = movers["cycle_m"] > 0
+        cycles = (movers["base_m"] + movers["at_m"] + moving[:, 8]) / np.where(walks, movers["cycle_m"], 1.0)
+        phase = np.where(walks, cycles - np.floor(cycles), 0.0)
+        green, yellow = self.signals.is_green(time_s), self.signals.is_yellow(time_s)
         return BodyStates(
             float(time_s),
             np.concatenate([moving[:, :3], self.parked[:, :3]]),
             np.concatenate([moving[:, 6], self.parked[:, 3]]),
             np.concatenate([moving[:, 3:6], np.zeros((len(self.parked), 3))]),
             np.concatenate([moving[:, 7], still]),
-            np.concatenate([_phase(state, moving[:, 8]), still]),
-            np.concatenate([state.movers["braking"], still > 0]),
-            _lamps(self.signals, time_s),
+            np.concatenate([np.where(phase < 1.0, phase, 0.0), still]),
+            np.concatenate([movers["braking"], still > 0]),
+            np.column_stack([~green & ~yellow, yellow & ~green, green]).ravel(),
         )
 
 
-def step_of(time_s: float, step_s: float) -> int:
+def step_of(time_s: float) -> int:
     """The step in which a time is; borders belong to the step that begins there, give or take rounding."""
-    return int(np.floor(time_s / step_s + 1e-9))
-
-
-def _phase(state: State, gone: Float64) -> Float64:
-    movers, walks = state.movers, state.movers["cycle_m"] > 0
-    cycles = (movers["base_m"] + movers["at_m"] + gone) / np.where(walks, movers["cycle_m"], 1.0)
-    phase: Float64 = np.where(walks, cycles - np.floor(cycles), 0.0)
-    return np.where(phase < 1.0, phase, 0.0)
-
-
-def _lamps(signals: SignalPlan, time_s: float) -> Bool:
-    """Red, yellow and green of every group, (3 G,)."""
-    green, yellow = signals.is_green(time_s), signals.is_yellow(time_s)
-    lamps: Bool = np.column_stack([~green & ~yellow, yellow & ~green, green]).ravel()
-    return lamps
+    return int(np.floor(time_s / STEP_S + 1e-9))
 
 
 _TRIAL_S, _START_S, _EVERY = 10.0, 5.0, 5
@@ -119,25 +106,27 @@ _FREE_M = 1.5  # Room before and behind, so that its body may be longer
 _LONGEST_M = 12.0
 
 
-def best_ego(net: Network, state: State, cars: Array, step: int, step_s: float) -> int:
+def best_ego(net: Network, state: State, cars: Array, step: int) -> int:
     """Choose among movers, after a trial of some seconds: who moves on, in company, and isn't far from the middle."""
-    trial, sizes = State(*(field.copy() for field in state)), sizes_of(state)
+    trial, sizes = _copy(state), sizes_of(state)
     motor = np.flatnonzero(state.movers["kind"] == DRIVE)
     here = poses_of(net, state, 0.0)
     company, speed, slowest = np.zeros(len(cars)), np.zeros(len(cars)), np.full(len(cars), np.inf)
-    num = int(_TRIAL_S / step_s)
+    num = int(_TRIAL_S / STEP_S)
     for k in range(num):
         if k % _EVERY == 0:
             company += np.minimum(_company(poses_of(net, trial, 0.0), cars, motor), _ENOUGH) * _EVERY / num
-        decide(net, trial, sizes, step + k, step_s)
+        decide(net, trial, sizes, step + k)
         v = trial.movers["speed_mps"][cars]
         speed += v / num
-        slowest = np.minimum(slowest, v) if k * step_s < _START_S else slowest
-        advance(net, trial, step_s)
+        slowest = np.minimum(slowest, v) if k * STEP_S < _START_S else slowest
+        advance(net, trial)
     limit = np.array([min(net.lanes["speed_mps"][state.way[i, HERE]], state.movers["fastest_mps"][i]) for i in cars])
     sees = _company(here, cars, motor, ahead_m=_AT_ONCE_M, behind_m=0.0) > 0
     score = company / _ENOUGH + np.minimum(speed / limit, 0.8) + 0.5 * sees + (slowest > _MOVING_MPS)
-    score -= 1.5 * np.maximum(_border(here[:, :2])[cars] - 0.6, 0.0)
+    middle = here[:, :2] - (here[:, :2].min(axis=0) + here[:, :2].max(axis=0)) / 2
+    outward = np.abs(middle / np.maximum(np.abs(middle).max(axis=0), 1.0)).max(axis=1)  # 1 at the border
+    score -= 1.5 * np.maximum(outward[cars] - 0.6, 0.0)
     return int(cars[np.argmax(np.where(_has_room(net, state, cars), score, -np.inf))])
 
 
@@ -158,15 +147,10 @@ def _company(
     return np.asarray(seen.sum(axis=1), np.float64)
 
 
-def _border(here: Float64) -> Float64:
-    """How far from the middle everybody (N,) is: 1 at the border."""
-    middle = here - (here.min(axis=0) + here.max(axis=0)) / 2
-    return np.asarray(np.abs(middle / np.maximum(np.abs(middle).max(axis=0), 1.0)).max(axis=1))
-
-
 def _has_room(net: Network, state: State, cars: Array) -> Array:
     """Which cars (K,) are not changing lanes and have nobody just before or behind them."""
-    taken, sides, room = find_occupancy(net, state), left_sides(state.movers), np.zeros(len(cars), bool)
+    taken = occupancy(net.path, net.lanes, state.movers, state.way)
+    sides, room = left_sides(state.movers), np.zeros(len(cars), bool)
     for row, i in enumerate(cars):
         ahead, _ = leader(net.roads, state.movers, state.way[i], taken, i, 50.0)
         same = taken.first[state.way[i, HERE]], taken.first[state.way[i, HERE] + 1]
@@ -175,14 +159,6 @@ def _has_room(net: Network, state: State, cars: Array) -> Array:
         gap = state.movers["at_m"][i] - behind.max(initial=-np.inf) - _LONGEST_M
         room[row] = ahead > _FREE_M and gap > _FREE_M and sides[i] == 0
     return room
-
-
-__all__ = ["Traffic", "TrafficParams"]
-
-STEP_S: Final = 0.1
-_WARM_UP_STEPS: Final = 450  # Steps before the log begins, so that queues and gaps are as they always are
-_WALKERS: Final = 24  # Different pedestrians in a world: each has the meshes of a whole gait
-_EGO_LENGTH_M: Final = (4.3, 4.7)
 
 
 class Traffic:
@@ -199,8 +175,8 @@ class Traffic:
         while self._step < 0:
             self._advance()
         bodies = self._choose_ego(bodies, seed)
-        standing, self._parked = _parked(layout.map, params, seed)
-        self.actors: tuple[Actor, ...] = (*(Actor(body) for body in bodies), *standing)
+        parked, self._parked = _park_vehicles(layout.map, params, seed)
+        self.actors: tuple[Actor, ...] = (*map(Actor, bodies), *(Actor(body, parked=True) for body in parked))
         """The ego car, other moving vehicles, bicycles, pedestrians, parked vehicles."""
         self._begin = _copy(self._state)
 
@@ -224,7 +200,7 @@ class Traffic:
         """Simulate up to `to_s` and return what happens from `from_s` on, which never goes back. Raises ConfigError
         where `from_s` is negative, after `to_s`, or before that of an earlier call.
         """
-        first, last = step_of(from_s, STEP_S), step_of(to_s, STEP_S)
+        first, last = step_of(from_s), step_of(to_s)
         oldest = self._step - len(self._steps)
         if not 0 <= from_s <= to_s or first < oldest:
             raise ConfigError(
@@ -236,24 +212,28 @@ class Traffic:
                 self._steps.append(state)
         self._steps = self._steps[len(self._steps) - (self._step - first) :]
         kept = tuple(self._steps[: last - first + 1])
-        return PlayedMotion(self._net, self._signals, kept, first, STEP_S, from_s, to_s, self._parked)
+        return Motion(self._net, self._signals, kept, first, from_s, to_s, self._parked)
 
     def _advance(self) -> State:
         """Do one step; return what was decided for it."""
-        decide(self._net, self._state, self._sizes, self._step, STEP_S)
+        decide(self._net, self._state, self._sizes, self._step)
         decided = self._state._replace(movers=self._state.movers.copy(), way=self._state.way.copy())
-        advance(self._net, self._state, STEP_S)
+        advance(self._net, self._state)
         self._step += 1
         return decided
 
     def _choose_ego(self, bodies: list[Body], seed: int) -> list[Body]:
         """Put one car first, with the ego's body."""
         cars = np.array([i for i, body in enumerate(bodies) if body.label == "car"], np.int64)
-        ego = best_ego(self._net, self._state, cars, self._step, STEP_S)
+        ego = best_ego(self._net, self._state, cars, self._step)
         order = np.array([ego, *(i for i in range(len(bodies)) if i != ego)])
         s = self._state
         self._state = State(s.movers[order], s.way[order], s.choices[order], np.zeros_like(s.counters))
-        body = _ego_body(seed)
+        low, high = _EGO_LENGTH_M
+        cars_drawn = (make_body("car", generator(seed, "traffic", "ego body", k)) for k in range(100))
+        body = next((car for car in cars_drawn if low <= car.size_lwh_m[0] <= high), None)
+        if body is None:
+            raise ConfigError(f"traffic: no car of {low:g} to {high:g} m among 100")
         self._state.movers["length_m"][0], self._state.movers["width_m"][0] = body.size_lwh_m[:2]
         self._sizes = sizes_of(self._state)
         return [body, *(bodies[i] for i in order[1:])]
@@ -265,10 +245,12 @@ def _copy(state: State) -> State:
 
 def _bodies(net: Network, params: TrafficParams, seed: int) -> list[Body]:
     """Motor vehicles, bicycles, pedestrians; at least one car."""
-    km = {
-        kind: float(net.lanes["length_m"][(net.lanes["kind"] == number) & _outside(net)].sum()) / 1000
-        for kind, number in KINDS.items()
-    }
+    lanes, outside = net.lanes, np.ones(len(net.lanes), bool)
+    for lane, (begin, end) in enumerate(zip(lanes["gate_from"], lanes["gate_to"], strict=True)):
+        gates = net.gates[begin:end]  # of a lane that is a gate as a whole, one
+        outside[lane] = not (gates["to_m"] - gates["from_m"] >= lanes["length_m"][lane] - 1e-9).any()
+    km = {kind: float(lanes["length_m"][(lanes["kind"] == number) & outside].sum()) / 1000
+          for kind, number in KINDS.items()}  # fmt: skip
     draw = generator(seed, "traffic", "kinds")
     names = sorted(params.mix)
     shares = np.array([params.mix[name] for name in names])
@@ -276,11 +258,10 @@ def _bodies(net: Network, params: TrafficParams, seed: int) -> list[Body]:
     kinds = ["car", *(names[k] for k in draw.choice(len(names), num - 1, p=shares / shares.sum()))]
     kinds += ["bicycle"] * round(params.bicycles_per_km * km["bike"])
     kinds += ["pedestrian"] * round(params.pedestrians_per_km * km["walk"])
-    walkers = [_body("pedestrian", params.longest_m, seed, i) for i in range(min(_WALKERS, kinds.count("pedestrian")))]
-    return [
-        walkers[i % _WALKERS] if kind == "pedestrian" else _body(kind, params.longest_m, seed, i)
-        for i, kind in enumerate(kinds)
-    ]
+    num_walkers = min(_WALKERS, kinds.count("pedestrian"))
+    walkers = [_body("pedestrian", params.longest_m, seed, i) for i in range(num_walkers)]
+    return [walkers[i % _WALKERS] if kind == "pedestrian" else _body(kind, params.longest_m, seed, i)
+            for i, kind in enumerate(kinds)]  # fmt: skip
 
 
 def _body(kind: str, longest_m: float, seed: int, i: int) -> Body:
@@ -292,33 +273,14 @@ def _body(kind: str, longest_m: float, seed: int, i: int) -> Body:
     raise ConfigError(f"traffic: each {kind} is longer than {longest_m:g} m; raise longest_m or change mix")
 
 
-def _outside(net: Network) -> Array:
-    """Lanes (L,) that are no gate as a whole."""
-    whole = np.zeros(len(net.lanes), bool)
-    for lane in range(len(whole)):
-        gates = net.gates[net.lanes["gate_from"][lane] : net.lanes["gate_to"][lane]]
-        whole[lane] = bool((gates["to_m"] - gates["from_m"] >= net.lanes["length_m"][lane] - 1e-9).any())
-    return ~whole
-
-
-def _parked(city_map: CityMap, params: TrafficParams, seed: int) -> tuple[list[Actor], Array]:
-    draw = generator(seed, "traffic", "parked")
-    rows, bodies = [], []
+def _park_vehicles(city_map: CityMap, params: TrafficParams, seed: int) -> tuple[list[Body], Float64]:
+    """Bodies that stand in places to park, and their x, y, z, yaw (K, 4)."""
+    draw, bodies, at = generator(seed, "traffic", "parked"), [], []
     for row, place in enumerate(city_map.parkings):
         kind = "van" if draw.random() < 0.1 else "car"
         if draw.random() < params.parked_share:
             body = make_body(kind, generator(seed, "traffic", "parked body", row))
             if body.size_lwh_m[0] < place.length_m - 0.4:
-                rows.append(row)
                 bodies.append(body)
-    return place_parked(city_map, bodies, np.array(rows, np.int64))
-
-
-def _ego_body(seed: int) -> Body:
-    """A car of about 4.5 m."""
-    low, high = _EGO_LENGTH_M
-    for k in range(100):
-        body = make_body("car", generator(seed, "traffic", "ego body", k))
-        if low <= body.size_lwh_m[0] <= high:
-            return body
-    raise ConfigError(f"traffic: no car of {low:g} to {high:g} m among 100")
+                at.append([*place.position_m, place.yaw_rad])
+    return bodies, np.array(at, np.float64).reshape(-1, 4)

@@ -46,16 +46,13 @@ class SignalPlan:
         return len(self.green_from_s)
 
     def is_green(self, time_s: float) -> Bool:
-        """Tell of every group (G,) whether it is green."""
-        since: Array = (time_s - self.green_from_s) % self.cycle_s
-        green: Bool = since < self.green_s
-        return green
+        """Return of every group (G,) whether it is green."""
+        return np.asarray((time_s - self.green_from_s) % self.cycle_s < self.green_s)
 
     def is_yellow(self, time_s: float) -> Bool:
-        """Tell of every group (G,) whether it has just been green."""
+        """Return of every group (G,) whether it has just been green."""
         since: Array = (time_s - self.green_from_s) % self.cycle_s
-        yellow: Bool = (since >= self.green_s) & (since < self.green_s + self.yellow_s)
-        return yellow
+        return np.asarray((since >= self.green_s) & (since < self.green_s + self.yellow_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,16 +104,11 @@ class Draft:
 def join_points(drafts: list[Draft]) -> tuple[Lane, ...]:
     """Number the lanes in their order. Raises KeyError where a lane names one that isn't there."""
     index = {draft.key: i for i, draft in enumerate(drafts)}
-    return tuple(_lane(draft, index) for draft in drafts)
-
-
-def _lane(draft: Draft, index: dict[Hashable, int]) -> Lane:
-    return Lane(
-        draft.points_m, draft.width_m, draft.speed_mps, draft.kind,
-        tuple(index[key] for key in draft.successors),
-        None if draft.left is None else index[draft.left],
-        None if draft.right is None else index[draft.right],
-        draft.signal, draft.in_junction, draft.longest_m,
+    return tuple(
+        Lane(d.points_m, d.width_m, d.speed_mps, d.kind, tuple(index[key] for key in d.successors),
+             None if d.left is None else index[d.left], None if d.right is None else index[d.right],
+             d.signal, d.in_junction, d.longest_m)
+        for d in drafts
     )  # fmt: skip
 
 
@@ -156,8 +148,7 @@ def sparse(points_m: Float64) -> Float64:
     """Drop points (P, 2) of an open line that lie on the straight between their neighbors."""
     before, after = points_m[1:-1] - points_m[:-2], points_m[2:] - points_m[1:-1]
     bend = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
-    kept: Float64 = points_m[np.concatenate([[True], bend > 1e-6, [True]])]
-    return kept
+    return np.asarray(points_m[np.concatenate([[True], bend > 1e-6, [True]])])
 
 
 def length(points_m: Float64) -> float:
@@ -170,23 +161,19 @@ def _line(start: Float64, end: Float64) -> Float64:
     """Points after the start; none where there is no way."""
     way = end - start
     num = int(np.ceil(np.sqrt((way * way).sum()) / STEP_M - 1e-9))
-    points: Float64 = start + way * (np.arange(1, num + 1) / max(num, 1))[:, None]
-    return points
+    return np.asarray(start + way * (np.arange(1, num + 1) / max(num, 1))[:, None])
 
 
 def _arc(start: Float64, ahead: Float64, radius: float, turn: float) -> Float64:
     """Points after the start of an arc that turns left by `turn` (right where it is negative)."""
-    side = np.sign(turn)
-    left = np.array([-ahead[1], ahead[0]]) * side
+    left = np.array([-ahead[1], ahead[0]]) * np.sign(turn)
     num = int(np.ceil(max(abs(turn) * radius / STEP_M, abs(turn) / TURN_RAD) - 1e-9))
     angle = (np.arange(1, num + 1) * (abs(turn) / max(num, 1)))[:, None]
-    points: Float64 = start + radius * (np.sin(angle) * ahead + (1 - np.cos(angle)) * left)
-    return points
+    return np.asarray(start + radius * (np.sin(angle) * ahead + (1 - np.cos(angle)) * left))
 
 
 def _unit(vector: Float64) -> Float64:
-    unit: Float64 = vector / np.sqrt((vector * vector).sum())
-    return unit
+    return np.asarray(vector / np.sqrt((vector * vector).sum()))
 
 
 GROUND_Z_M = -0.02  # Height of the meadow all around, just below roads

@@ -2,23 +2,13 @@
 
 import numpy as np
 
-from fbench.datasets.city.world.city_map import (
-    GROUND_Z_M,
-    CityMap,
-    Draft,
-    Kind,
-    Layout,
-    Parking,
-    Patch,
-    Placement,
-    Polygon,
-    SignalPlan,
-    join_points,
-    lift,
-)
+from fbench.datasets.city.world import city_map
+from fbench.datasets.city.world.city_map import GROUND_Z_M, Draft, Kind, Layout, Parking, Patch, Placement, Polygon
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Float64
 
+Pair = tuple[float, float]
+Three = tuple[float, float, float]
 LANE_M, NUM_LANES = 3.5, 3
 SPEEDS_MPS = (36.0, 32.0, 25.0)  # From left to right: about 130, 115 and 90 km/h
 MEDIAN_M, INNER_SHOULDER_M, SHOULDER_M = 3.0, 1.0, 2.5
@@ -29,8 +19,6 @@ PAVED_M = RIGHT_EDGE_M + SHOULDER_M
 """Where lanes begin and end, and where the asphalt ends, from the middle of the median."""
 _STRAIGHT_M, RADIUS_M, _SEGMENT_M = 900.0, 500.0, 200.0
 """In the curves 36 m/s are a lateral acceleration of 2.6 m/s^2: nobody need brake for them."""
-
-
 LENGTH_M = 2 * _STRAIGHT_M + 2 * np.pi * RADIUS_M  # Once around the middle of the median
 NUM_SEGMENTS = round(LENGTH_M / _SEGMENT_M)
 
@@ -50,31 +38,26 @@ def ring_points(s_m: Float64, left_m: Float64 | float) -> Float64:
 def ring_heading(s_m: Float64) -> Float64:
     """Headings (N,) at distances (N,) along the middle of the median."""
     s, half = np.asarray(s_m) % LENGTH_M, LENGTH_M / 2
-    heading: Float64 = np.clip((s % half - _STRAIGHT_M) / RADIUS_M, 0, None) + np.where(s >= half, np.pi, 0.0)
-    return heading
+    return np.asarray(np.clip((s % half - _STRAIGHT_M) / RADIUS_M, 0, None) + np.where(s >= half, np.pi, 0.0))
 
 
 def highway_lanes() -> list[Draft]:
     """All lanes: of the outer carriageway counter-clockwise, of the inner one clockwise."""
-    return [_lane(way, segment, k) for way in (1, -1) for segment in range(NUM_SEGMENTS) for k in range(NUM_LANES)]
-
-
-def lane_offset_m(k: int) -> float:
-    """From the middle of the median to the k-th lane from the left."""
-    return LEFT_EDGE_M + (k + 0.5) * LANE_M
-
-
-def _lane(way: int, segment: int, k: int) -> Draft:
-    step = LENGTH_M / NUM_SEGMENTS
+    step, drafts = LENGTH_M / NUM_SEGMENTS, []
     # Curves are longer outside: points are less than 1 m apart there too.
     num = int(np.ceil(step * (RADIUS_M + RIGHT_EDGE_M) / RADIUS_M)) + 1
-    s = (segment + np.linspace(0, 1, num)) * step * way
-    return Draft(
-        (way, segment, k), lift(ring_points(s, -way * lane_offset_m(k)), 0.0), "drive", LANE_M, SPEEDS_MPS[k],
-        ((way, (segment + 1) % NUM_SEGMENTS, k),),
-        left=(way, segment, k - 1) if k else None,
-        right=(way, segment, k + 1) if k + 1 < NUM_LANES else None,
-    )  # fmt: skip
+    for way in (1, -1):
+        for segment in range(NUM_SEGMENTS):
+            s = (segment + np.linspace(0, 1, num)) * step * way
+            for k in range(NUM_LANES):
+                points = ring_points(s, -way * (LEFT_EDGE_M + (k + 0.5) * LANE_M))
+                drafts.append(Draft(
+                    (way, segment, k), city_map.lift(points, 0.0), "drive", LANE_M, SPEEDS_MPS[k],
+                    ((way, (segment + 1) % NUM_SEGMENTS, k),),
+                    left=(way, segment, k - 1) if k else None,
+                    right=(way, segment, k + 1) if k + 1 < NUM_LANES else None,
+                ))  # fmt: skip
+    return drafts
 
 
 BAY_M, BAY_WIDTH_M = 40.0, 1.8  # Emergency bays: the shoulder is wider there
@@ -84,52 +67,30 @@ _LINE_M, _WIDE_M = 0.15, 0.30
 _BEND_M = 6.0  # Distance between corners of outlines: within 15 mm of the curve
 
 
-def highway_regions(bays_m: Float64) -> tuple[Polygon, ...]:
-    """Both carriageways with their shoulders and bays."""
-    return tuple(Polygon("road", outline) for outline in (*_carriageways(), *_bays(bays_m)))
-
-
-def highway_patches(seed: int, bays_m: Float64) -> list[Patch]:
-    """Asphalt, median and markings; `bays_m` (B, 2) holds the bays' middles along the ring and their sides."""
-    draw = generator(seed, "highway layout", "ground")
-    roads = [Patch("asphalt", outline, 0.0, shade=float(draw.uniform(0.85, 1.1))) for outline in _carriageways()]
-    bays = [Patch("asphalt", outline, 0.0, shade=0.9) for outline in _bays(bays_m)]
-    half = MEDIAN_M / 2
-    median = [Patch("grass", _strip(*span, -half, half), 0.0, shade=0.9) for span in _spans()]
-    paint = [Patch("marking", outline, _PAINT_Z_M) for outline in _lines()]
-    return [*roads, *bays, *median, *paint]
-
-
-def _carriageways() -> list[Float64]:
-    """Each from the median to the end of its shoulder, segment by segment."""
-    sides = (-PAVED_M, -MEDIAN_M / 2), (MEDIAN_M / 2, PAVED_M)
-    return [_strip(*span, right, left) for span in _spans() for right, left in sides]
-
-
-def _bays(bays_m: Float64) -> list[Float64]:
-    outlines = []
-    for s, side in bays_m:
-        inner, outer = side * PAVED_M, side * (PAVED_M + BAY_WIDTH_M)
-        outlines.append(_strip(s - BAY_M / 2, s + BAY_M / 2, min(inner, outer), max(inner, outer)))
-    return outlines
-
-
-def _lines() -> list[Float64]:
-    """Edge lines all around, dashes between lanes."""
-    edges = [LEFT_EDGE_M - _LINE_M, RIGHT_EDGE_M]
-    solid = [
-        _strip(*span, *sorted((side * edge, side * (edge + width))))
-        for span in _spans()
-        for side in (-1, 1)
-        for edge, width in zip(edges, (_LINE_M, _WIDE_M), strict=True)
-    ]
-    period = LENGTH_M / round(LENGTH_M / _PERIOD_M)
-    dashes = [
-        _strip(k * period, k * period + _DASH_M, left - _LINE_M / 2, left + _LINE_M / 2)
-        for left in (side * (LEFT_EDGE_M + k * LANE_M) for side in (-1, 1) for k in range(1, NUM_LANES))
-        for k in range(round(LENGTH_M / _PERIOD_M))
-    ]
-    return [*solid, *dashes]
+def highway_ground(seed: int, bays_m: Float64) -> tuple[tuple[Polygon, ...], tuple[Patch, ...]]:
+    """Both carriageways, each from the median to the end of its shoulder, segment by segment, with their bays; and
+    their asphalt, the median and markings: edge lines all around, dashes between lanes. `bays_m` (B, 2) holds the bays'
+    middles along the ring and their sides.
+    """
+    draw, half = generator(seed, "highway layout", "ground"), MEDIAN_M / 2
+    roads = [_strip(*span, *edges) for span in _spans() for edges in ((-PAVED_M, -half), (half, PAVED_M))]
+    bays = [_strip(s - BAY_M / 2, s + BAY_M / 2, *sorted((side * PAVED_M, side * (PAVED_M + BAY_WIDTH_M))))
+            for s, side in bays_m]  # fmt: skip
+    edges = ((LEFT_EDGE_M - _LINE_M, _LINE_M), (RIGHT_EDGE_M, _WIDE_M))
+    lines = [_strip(*span, *sorted((side * edge, side * (edge + width))))
+             for span in _spans() for side in (-1, 1) for edge, width in edges]  # fmt: skip
+    num = round(LENGTH_M / _PERIOD_M)
+    period = LENGTH_M / num
+    between = [side * (LEFT_EDGE_M + k * LANE_M) for side in (-1, 1) for k in range(1, NUM_LANES)]
+    lines += [_strip(k * period, k * period + _DASH_M, left - _LINE_M / 2, left + _LINE_M / 2)
+              for left in between for k in range(num)]  # fmt: skip
+    patches = (
+        *(Patch("asphalt", outline, 0.0, shade=float(draw.uniform(0.85, 1.1))) for outline in roads),
+        *(Patch("asphalt", outline, 0.0, shade=0.9) for outline in bays),
+        *(Patch("grass", _strip(*span, -half, half), 0.0, shade=0.9) for span in _spans()),
+        *(Patch("marking", outline, _PAINT_Z_M) for outline in lines),
+    )
+    return tuple(Polygon("road", outline) for outline in (*roads, *bays)), patches
 
 
 def _spans() -> list[tuple[float, float]]:
@@ -149,22 +110,24 @@ _MEDIAN_BARRIER_M, _RAIL_M, _FENCE_M = 0.6, 0.7, 4.0  # From the median's middle
 _LIT_SHARE, _LAMP_SPACING_M = 0.3, 40.0
 
 
-def highway_furniture(seed: int, bays_m: Float64) -> list[Placement]:
-    """All that stands; `bays_m` (B, 2) as in `highway_patches`."""
-    return [
-        *_barriers(bays_m), *_gantries(seed, bays_m), *_signs(seed), *_lamp_posts(seed, bays_m),
-        *_fences(_fence_spans(seed)), *_plants(seed),
-    ]  # fmt: skip
-
-
-def highway_lamps_m(seed: int, bays_m: Float64) -> Float64:
-    """Where the lamps shine from (L, 3): under the tips of the posts' arms."""
-    posts = _lamp_posts(seed, bays_m)
-    foot = np.array([post.position_m for post in posts])
-    yaw = np.array([post.yaw_rad for post in posts])
+def highway_furniture(seed: int, bays_m: Float64) -> tuple[list[Placement], Float64]:
+    """All that stands, and where the lamps shine from (L, 3): under the tips of the posts' arms. `bays_m` (B, 2) as in
+    `highway_ground`.
+    """
+    start = float(generator(seed, "highway layout", "lamps").uniform(0, LENGTH_M))
+    spots = [float(s) for s in np.arange(0, _LIT_SHARE * LENGTH_M, _LAMP_SPACING_M) + start]  # over one stretch
+    size = (LAMP_REACH_M, 0.25, LAMP_HEIGHT_M)
+    posts = [_stand("lamp_post", s, side * (PAVED_M + 1.3), -side * np.pi / 2, size)
+             for s in spots for side in (-1, 1) if not _at_bay(s, side, bays_m)]  # fmt: skip
+    foot, yaw = np.array([post.position_m for post in posts]), np.array([post.yaw_rad for post in posts])
     reach = LAMP_REACH_M * np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(yaw))])
-    lamps: Float64 = foot + reach + np.array([0.0, 0.0, LAMP_HEIGHT_M - 0.2])
-    return lamps
+    draw = generator(seed, "highway layout", "fences")
+    fences = []
+    for s in np.sort(draw.uniform(0, LENGTH_M - 250, 4)):
+        end, side = float(s + draw.uniform(90, 220)), int(draw.choice([-1, 1]))
+        fences += _chain("fence", float(s), end, side * (PAVED_M + BAY_WIDTH_M + _FENCE_M), (0.2, 3.5))
+    standing = [*_barriers(bays_m), *_gantries_and_signs(seed, bays_m), *posts, *fences, *_plants(seed)]
+    return standing, foot + reach + np.array([0.0, 0.0, LAMP_HEIGHT_M - 0.2])
 
 
 def _barriers(bays_m: Float64) -> list[Placement]:
@@ -172,7 +135,12 @@ def _barriers(bays_m: Float64) -> list[Placement]:
     placements = []
     for left in (-_MEDIAN_BARRIER_M, _MEDIAN_BARRIER_M, -PAVED_M - _RAIL_M, PAVED_M + _RAIL_M):
         size = (0.3, 0.9) if abs(left) < MEDIAN_M else (0.25, 0.75)
-        for start, end in _cut([(0.0, LENGTH_M)], left, bays_m):
+        spans = [(0.0, LENGTH_M)]
+        for s, side in bays_m:
+            if abs(left) > MEDIAN_M and side * left > 0:
+                a, b = s - BAY_M / 2, s + BAY_M / 2
+                spans = [part for x, y in spans for part in ((x, min(y, a)), (max(x, b), y)) if part[1] > part[0]]
+        for start, end in spans:
             placements += _chain("barrier", start, end, left, size)
     for s, side in bays_m:
         left = side * (PAVED_M + BAY_WIDTH_M + _RAIL_M)
@@ -180,18 +148,7 @@ def _barriers(bays_m: Float64) -> list[Placement]:
     return placements
 
 
-def _cut(spans: list[tuple[float, float]], left_m: float, bays_m: Float64) -> list[tuple[float, float]]:
-    """Take the bays out of a guard rail."""
-    for s, side in bays_m:
-        if abs(left_m) > MEDIAN_M and side * left_m > 0:
-            a, b = s - BAY_M / 2, s + BAY_M / 2
-            spans = [part for x, y in spans for part in ((x, min(y, a)), (max(x, b), y)) if part[1] > part[0]]
-    return spans
-
-
-def _chain(
-    kind: Kind, from_m: float, to_m: float, left_m: float, width_height_m: tuple[float, float]
-) -> list[Placement]:
+def _chain(kind: Kind, from_m: float, to_m: float, left_m: float, width_height_m: Pair) -> list[Placement]:
     """Pieces end to end along the ring, each a chord."""
     num = int(np.ceil((to_m - from_m) * max(1.0, 1 - left_m / RADIUS_M) / BARRIER_M))
     ends = ring_points(np.linspace(from_m, to_m, num + 1), left_m)
@@ -203,16 +160,23 @@ def _chain(
     ]
 
 
-def _gantries(seed: int, bays_m: Float64) -> list[Placement]:
-    """Over one carriageway each, some hundred meters apart; their feet stand between and behind the barriers."""
-    draw = generator(seed, "highway layout", "gantries")
-    width = PAVED_M + 1.5
-    placements = []
+def _gantries_and_signs(seed: int, bays_m: Float64) -> list[Placement]:
+    """Gantries over one carriageway each, some hundred meters apart, their feet between and behind the barriers; signs
+    behind the guard rails. They look at the traffic of their side: counter-clockwise outside (-1), clockwise inside.
+    """
+    draw, width, placements = generator(seed, "highway layout", "gantries"), PAVED_M + 1.5, []
     for side in (-1, 1):
+        turn = np.pi if side < 0 else 0.0
         for k in range(5):
-            s, variant = (k + float(draw.uniform(0.2, 0.8))) * LENGTH_M / 5, _variant(draw)
+            s, variant = (k + float(draw.uniform(0.2, 0.8))) * LENGTH_M / 5, int(draw.integers(1 << 30))
             if not _at_bay(s, side, bays_m):
-                placements.append(_facing("gantry", s, side * width / 2, (0.6, width, 7.2), side, variant))
+                placements.append(_stand("gantry", s, side * width / 2, turn, (0.6, width, 7.2), variant))
+    draw = generator(seed, "highway layout", "signs")
+    for side in (-1, 1):
+        left, turn = side * (PAVED_M + BAY_WIDTH_M + 1.6), np.pi if side < 0 else 0.0
+        for _ in range(14):
+            s, variant = float(draw.uniform(0, LENGTH_M)), int(draw.integers(1 << 30))
+            placements.append(_stand("sign", s, left, turn, (0.1, 0.9, 2.8), variant))
     return placements
 
 
@@ -221,70 +185,30 @@ def _at_bay(s_m: float, side: int, bays_m: Float64) -> bool:
     return bool(np.any((away < BAY_M / 2 + 2) & (bays_m[:, 1] == side)))
 
 
-def _signs(seed: int) -> list[Placement]:
-    """Behind the guard rails."""
-    draw = generator(seed, "highway layout", "signs")
-    return [
-        _facing("sign", float(draw.uniform(0, LENGTH_M)), side * (PAVED_M + BAY_WIDTH_M + 1.6), (0.1, 0.9, 2.8), side,
-                _variant(draw))
-        for side in (-1, 1) for _ in range(14)
-    ]  # fmt: skip
-
-
-def _facing(
-    kind: Kind, s_m: float, left_m: float, size: tuple[float, float, float], side: int, variant: int
-) -> Placement:
-    """Something that looks at the traffic of its side: counter-clockwise outside (-1), clockwise inside (1)."""
+def _place(s_m: float, left_m: float) -> Three:
     x, y = ring_points(np.array([s_m]), left_m)[0]
-    yaw = float(ring_heading(np.array([s_m]))[0]) + (np.pi if side < 0 else 0.0)
-    return Placement(kind, (float(x), float(y), GROUND_Z_M), float(yaw % (2 * np.pi)), size, variant)
+    return float(x), float(y), GROUND_Z_M
 
 
-def _lamp_posts(seed: int, bays_m: Float64) -> list[Placement]:
-    """Over both shoulders of one stretch."""
-    start = float(generator(seed, "highway layout", "lamps").uniform(0, LENGTH_M))
-    spots = np.arange(0, _LIT_SHARE * LENGTH_M, _LAMP_SPACING_M) + start
-    return [_lamp_post(float(s), side) for s in spots for side in (-1, 1) if not _at_bay(float(s), side, bays_m)]
-
-
-def _lamp_post(s_m: float, side: int) -> Placement:
-    x, y = ring_points(np.array([s_m]), side * (PAVED_M + 1.3))[0]
-    yaw = float(ring_heading(np.array([s_m]))[0]) - side * np.pi / 2
-    size = (LAMP_REACH_M, 0.25, LAMP_HEIGHT_M)
-    return Placement("lamp_post", (float(x), float(y), GROUND_Z_M), float(yaw % (2 * np.pi)), size)
-
-
-def _fence_spans(seed: int) -> list[tuple[float, float, int]]:
-    """Stretches with a noise fence: from, to, side."""
-    draw = generator(seed, "highway layout", "fences")
-    starts = np.sort(draw.uniform(0, LENGTH_M - 250, 4))
-    return [(float(s), float(s + draw.uniform(90, 220)), int(draw.choice([-1, 1]))) for s in starts]
-
-
-def _fences(spans: list[tuple[float, float, int]]) -> list[Placement]:
-    left = PAVED_M + BAY_WIDTH_M + _FENCE_M
-    return [piece for start, end, side in spans for piece in _chain("fence", start, end, side * left, (0.2, 3.5))]
+def _stand(kind: Kind, s_m: float, left_m: float, turn_rad: float, size: Three, variant: int = 0) -> Placement:
+    yaw = float(ring_heading(np.array([s_m]))[0]) + turn_rad
+    return Placement(kind, _place(s_m, left_m), float(yaw % (2 * np.pi)), size, variant)
 
 
 def _plants(seed: int) -> list[Placement]:
     """Trees and bushes on both sides; clear of fences, signs and lamp posts."""
-    draw = generator(seed, "highway layout", "plants")
+    draw, plants = generator(seed, "highway layout", "plants"), []
     spots = [(float(s + draw.uniform(-5, 5)), side) for s in np.arange(0, LENGTH_M, 14.0) for side in (-1, 1)]
-    return [_plant(draw, s, side) for s, side in spots if draw.random() < 0.75]
-
-
-def _plant(draw: np.random.Generator, s_m: float, side: int) -> Placement:
-    away = draw.uniform(10, 40 if draw.random() < 0.6 else 16)
-    x, y = ring_points(np.array([s_m]), side * (PAVED_M + float(away)))[0]
-    position, yaw, variant = (float(x), float(y), GROUND_Z_M), float(draw.uniform(0, 2 * np.pi)), _variant(draw)
-    wide = float(draw.uniform(0, 1))
-    if draw.random() < 0.35:
-        return Placement("bush", position, yaw, (1.2 + wide, 1.2 + wide, 1.0 + wide), variant)
-    return Placement("tree", position, yaw, (4 + 3 * wide, 4 + 3 * wide, 8 + 6 * wide), variant)
-
-
-def _variant(draw: np.random.Generator) -> int:
-    return int(draw.integers(1 << 30))
+    for s, side in spots:
+        if draw.random() < 0.75:
+            position = _place(s, side * (PAVED_M + float(draw.uniform(10, 40 if draw.random() < 0.6 else 16))))
+            yaw, variant = float(draw.uniform(0, 2 * np.pi)), int(draw.integers(1 << 30))
+            wide, kind = float(draw.uniform(0, 1)), "bush" if draw.random() < 0.35 else "tree"
+            if kind == "bush":
+                plants.append(Placement("bush", position, yaw, (1.2 + wide, 1.2 + wide, 1.0 + wide), variant))
+            else:
+                plants.append(Placement("tree", position, yaw, (4 + 3 * wide, 4 + 3 * wide, 8 + 6 * wide), variant))
+    return plants
 
 
 _BAYS = 4  # Emergency bays of each carriageway
@@ -293,25 +217,16 @@ _STANDING_M = 14.0  # Length of a place in a bay: even a bus may have broken dow
 
 def highway_layout(seed: int) -> Layout:
     """Lay out the ring: two straights of 0.9 km and two half circles."""
-    no_signals = SignalPlan(60.0, np.zeros(0), np.zeros(0))
-    draw = generator(seed, "highway layout", "bays")
-    spacing = LENGTH_M / _BAYS
+    no_signals = city_map.SignalPlan(60.0, np.zeros(0), np.zeros(0))
+    draw, spacing = generator(seed, "highway layout", "bays"), LENGTH_M / _BAYS
     bays_m = np.array([[(k + float(draw.uniform(0.1, 0.9))) * spacing, side] for side in (-1, 1) for k in range(_BAYS)])
-    city_map = CityMap(
-        "highway",
-        join_points(highway_lanes()),
-        no_signals,
-        highway_regions(bays_m),
-        _parkings(bays_m),
-        highway_lamps_m(seed, bays_m),
-    )
-    return Layout(city_map, tuple(highway_patches(seed, bays_m)), tuple(highway_furniture(seed, bays_m)))
-
-
-def _parkings(bays_m: Float64) -> tuple[Parking, ...]:
-    spots = [ring_points(np.array([s]), side * (PAVED_M + BAY_WIDTH_M / 2 - 0.6))[0] for s, side in bays_m]
     yaws = ring_heading(bays_m[:, 0]) + np.where(bays_m[:, 1] > 0, np.pi, 0.0)
-    return tuple(
-        Parking((float(x), float(y), 0.0), float(yaw % (2 * np.pi)), _STANDING_M)
-        for (x, y), yaw in zip(spots, yaws, strict=True)
-    )
+    places = []
+    for (s, side), yaw in zip(bays_m, yaws, strict=True):
+        x, y, _ = _place(s, side * (PAVED_M + BAY_WIDTH_M / 2 - 0.6))
+        places.append(Parking((x, y, 0.0), float(yaw % (2 * np.pi)), _STANDING_M))
+    regions, patches = highway_ground(seed, bays_m)
+    standing, lamps_m = highway_furniture(seed, bays_m)
+    lanes = city_map.join_points(highway_lanes())
+    plan = city_map.CityMap("highway", lanes, no_signals, regions, tuple(places), lamps_m)
+    return Layout(plan, patches, tuple(standing))

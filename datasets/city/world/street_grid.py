@@ -30,9 +30,8 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """One street as it leaves a junction. Seen outwards, its lanes towards the junction are on the left.
-
-    Along it, distances count from where the drive lanes of the crossing street end.
+    """One street as it leaves a junction. Seen outwards, its lanes towards the junction are on the left. Along it,
+    distances count from where the drive lanes of the crossing street end.
     """
 
     node: Node
@@ -48,14 +47,12 @@ class Arm:
     @property
     def out(self) -> Float64:
         """Unit vector (2,) away from the junction."""
-        out: Float64 = _WAYS[self.way]
-        return out
+        return np.asarray(_WAYS[self.way])
 
     @property
     def left(self) -> Float64:
         """Unit vector (2,) to the left of `out`."""
-        left: Float64 = _WAYS[(self.way + 1) % 4]
-        return left
+        return np.asarray(_WAYS[(self.way + 1) % 4])
 
     @property
     def half_m(self) -> float:
@@ -127,8 +124,21 @@ class Grid:
     @cached_property
     def arm(self) -> dict[tuple[Node, int], Arm]:
         """All arms by junction and way."""
-        found = ((node, way, self._far(node, way)) for node in self.nodes for way in range(4))
-        return {(node, way): self._arm(node, way, far) for node, way, far in found if far is not None}
+        arms: dict[tuple[Node, int], Arm] = {}
+        for i, j in self.nodes:
+            around: list[Cell] = [(i, j), (i - 1, j), (i - 1, j - 1), (i, j - 1)]
+            for way, (x, y) in enumerate(_WAYS.astype(int).tolist()):
+                far, along_y = (i + x, j + y), way % 2
+                if 0 <= far[0] < len(self.x_m) and 0 <= far[1] < len(self.y_m):
+                    arms[(i, j), way] = Arm(
+                        (i, j), way, far, np.array([self.x_m[i], self.y_m[j]]),
+                        num_lanes=self.lanes[along_y][i if along_y else j],
+                        edge_m=LANE_M * self.lanes[1 - along_y][j if along_y else i],
+                        left_extra_m=self.extra_m(around[way], (way - 1) % 4),
+                        right_extra_m=self.extra_m(around[way - 1], (way + 1) % 4),
+                        has_bikes=around[way] in self.bikes,
+                    )  # fmt: skip
+        return arms
 
     @cached_property
     def rings(self) -> list[list[Arm]]:
@@ -137,43 +147,26 @@ class Grid:
         for i, j in self.cells:
             starts: list[Node] = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
             rings.append([self.arm[start, way] for way, start in enumerate(starts)])
-        return [*rings, self._outer_ring()]
-
-    def _outer_ring(self) -> list[Arm]:
         nx, ny = len(self.x_m) - 1, len(self.y_m) - 1
-        up, right = range(ny), range(nx)
-        return [
-            *(self.arm[(0, j), NORTH] for j in up), *(self.arm[(i, ny), EAST] for i in right),
-            *(self.arm[(nx, ny - j), SOUTH] for j in up), *(self.arm[(nx - i, 0), WEST] for i in right),
+        outer = [
+            *(self.arm[(0, j), NORTH] for j in range(ny)), *(self.arm[(i, ny), EAST] for i in range(nx)),
+            *(self.arm[(nx, ny - j), SOUTH] for j in range(ny)), *(self.arm[(nx - i, 0), WEST] for i in range(nx)),
         ]  # fmt: skip
-
-    def _far(self, node: Node, way: int) -> Node | None:
-        i, j = node[0] + int(_WAYS[way][0]), node[1] + int(_WAYS[way][1])
-        return (i, j) if 0 <= i < len(self.x_m) and 0 <= j < len(self.y_m) else None
-
-    def _arm(self, node: Node, way: int, far: Node) -> Arm:
-        (i, j), along_y = node, way % 2
-        around: list[Cell] = [(i, j), (i - 1, j), (i - 1, j - 1), (i, j - 1)]
-        return Arm(
-            node, way, far, np.array([self.x_m[i], self.y_m[j]]),
-            num_lanes=self.lanes[along_y][i if along_y else j],
-            edge_m=LANE_M * self.lanes[1 - along_y][j if along_y else i],
-            left_extra_m=self.extra_m(around[way], (way - 1) % 4),
-            right_extra_m=self.extra_m(around[way - 1], (way + 1) % 4),
-            has_bikes=around[way] in self.bikes,
-        )  # fmt: skip
+        return [*rings, outer]
 
 
 _JUNCTIONS = 4
 
 
 def draw_grid(seed: int) -> Grid:
-    """Draw a grid of `_JUNCTIONS` x `_JUNCTIONS` junctions, about the origin.
-
-    Border streets have one lane a direction, so that corners join equals; one or two inner streets are avenues.
+    """Draw a grid of `_JUNCTIONS` x `_JUNCTIONS` junctions, about the origin. Border streets have one lane a direction,
+    so that corners join equals; one or two inner streets are avenues. A border street has its outer parking strip
+    everywhere or nowhere, so that the kerb stays straight.
     """
     draw, num = generator(seed, "urban layout", "grid"), _JUNCTIONS
-    x_m, y_m = (_lines(draw.uniform(75, 110, num - 1)) for _ in range(2))
+    blocks = (draw.uniform(75, 110, num - 1) for _ in range(2))  # with some meters for the streets between them
+    ends = [np.concatenate([[0.0], np.cumsum(np.round(long + 12.0, 1))]) for long in blocks]
+    x_m, y_m = (tuple((places - np.round(places[-1] / 2, 1)).tolist()) for places in ends)
     lanes = [[1] * num, [1] * num]
     for axis in range(2):
         if axis == 0 or draw.random() < 0.5:
@@ -181,17 +174,7 @@ def draw_grid(seed: int) -> Grid:
     cells = [(i, j) for j in range(num - 1) for i in range(num - 1)]
     bikes = frozenset(cell for cell in cells if draw.random() < 0.45)
     inner = frozenset((cell, side) for cell in cells for side in range(4) if draw.random() < 0.6)
-    return Grid(x_m, y_m, (tuple(lanes[0]), tuple(lanes[1])), bikes, inner | _outer_parkings(draw, num))
-
-
-def _outer_parkings(draw: np.random.Generator, num: int) -> frozenset[tuple[Cell, int]]:
-    """A border street has its outer parking strip everywhere or nowhere, so that the kerb stays straight."""
-    sides = [[((num - 1, k), WEST) for k in range(num - 1)], [((k, num - 1), SOUTH) for k in range(num - 1)],
+    outer = [[((num - 1, k), WEST) for k in range(num - 1)], [((k, num - 1), SOUTH) for k in range(num - 1)],
              [((-1, k), EAST) for k in range(num - 1)], [((k, -1), NORTH) for k in range(num - 1)]]  # fmt: skip
-    return frozenset(strip for side in sides if draw.random() < 0.6 for strip in side)
-
-
-def _lines(blocks_m: Float64) -> tuple[float, ...]:
-    """Places of streets between blocks, with some meters for the streets themselves, about 0."""
-    places = np.concatenate([[0.0], np.cumsum(np.round(blocks_m + 12.0, 1))])
-    return tuple(float(place) for place in places - np.round(places[-1] / 2, 1))
+    strips = inner.union(*(side for side in outer if draw.random() < 0.6))
+    return Grid(x_m, y_m, (tuple(lanes[0]), tuple(lanes[1])), bikes, strips)

@@ -5,32 +5,25 @@ a moment of red for all; whoever is still in the junction goes first. Before ped
 passed the line at the end of the yellow has left the junction; before vehicles go again, the slowest walker who left
 the kerb at the green's end has crossed. All junctions share one cycle; where one needs less, vehicles have more green.
 
-signals, signs, trees, benches, bins, hydrants.
-
 A junction, outwards from the crossing street's drive lanes: kerbs bend up to 6.5 m, people cross from 7.2 to 10.8 m,
 vehicles wait at 12.5 m. Approaches that face each other are green together, then the others, then all crossings: see
-`urban_signals`. Right turns of cars and bicycles are arcs about one center, bicycles inside; left turns are as wide as
+`signal_plan`. Right turns of cars and bicycles are arcs about one center, bicycles inside; left turns are as wide as
 fits, 12.4 m and more.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from fbench.datasets.city.spec import WorldName
+from fbench.datasets.city.world import urban_lanes
 from fbench.datasets.city.world.city_map import CityMap, Draft, Kind, Layout, Placement, SignalPlan, join_points, length
 from fbench.datasets.city.world.highway import highway_layout
 from fbench.datasets.city.world.street_grid import PARKING_M, Arm, Grid, Node, draw_grid
-from fbench.datasets.city.world.urban_ground import block_placements, ground_patches, marking_patches, regions
-from fbench.datasets.city.world.urban_lanes import (
-    CROSSING_M,
-    SIDEWALK_Z_M,
-    bike_lanes,
-    drive_lanes,
-    parkings,
-    walk_lanes,
-)
+from fbench.datasets.city.world.urban_ground import block_placements, marking_patches, urban_ground
+from fbench.datasets.city.world.urban_lanes import CROSSING_M, SIDEWALK_Z_M
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Float64
 
@@ -55,41 +48,30 @@ class _Flow:
 
 
 def offsets_s(grid: Grid, phases: dict[Node, Phases], cycle_s: float) -> dict[Node, float]:
-    """Choose for each junction when its cycle begins, in whole seconds.
-
-    One junction after the other takes what makes those on its streets wait least, given all others, several times
-    over. The first guess is a wave to the east and north.
+    """Choose for each junction when its cycle begins, in whole seconds. One junction after the other takes what makes
+    those on its streets wait least, given all others, several times over. The first guess is a wave to the east and
+    north.
     """
-    candidates = np.arange(int(cycle_s), dtype=np.float64)
-    found = {node: _first_s(grid, node) % cycle_s for node in grid.nodes}
-    flows = [flow for node in grid.nodes for flow in _flows(grid, phases, node)]
+    candidates, x, y = np.arange(int(cycle_s), dtype=np.float64), grid.x_m, grid.y_m
+    offsets = {(i, j): float(np.round((x[i] - x[0] + y[j] - y[0]) / _MPS)) % cycle_s for i, j in grid.nodes}
+    flows = []  # from each approach of a junction to each other arm of it, and on to the next junction
+    for node in grid.nodes:
+        for arm in grid.arms(node):
+            travel, goes = _STARTS_S + arm.length_to(grid.opposite(arm)) / _MPS, phases[arm.far][(arm.way + 2) % 4]
+            for came in grid.arms(node):
+                weight = _STRAIGHT if (came.way - arm.way) % 4 == 2 else _TURN
+                if came is not arm:
+                    flows.append(_Flow(node, arm.far, weight, phases[node][came.way], goes, travel))
     for _ in range(_ROUNDS):
         for node in grid.nodes:
             waits = np.zeros(len(candidates))
             for flow in flows:
                 if flow.after == node:
-                    waits += _waits_s(flow, found[flow.before] - candidates, cycle_s)
+                    waits += _waits_s(flow, offsets[flow.before] - candidates, cycle_s)
                 elif flow.before == node:
-                    waits += _waits_s(flow, candidates - found[flow.after], cycle_s)
-            found[node] = float(candidates[np.argmin(np.round(waits, 6))])
-    return found
-
-
-def _flows(grid: Grid, phases: dict[Node, Phases], node: Node) -> list[_Flow]:
-    """From each approach of a junction to each other arm of it, and on to the next junction."""
-    flows = []
-    for arm in grid.arms(node):
-        travel, goes = _STARTS_S + arm.length_to(grid.opposite(arm)) / _MPS, phases[arm.far][(arm.way + 2) % 4]
-        for came in grid.arms(node):
-            weight = _STRAIGHT if (came.way - arm.way) % 4 == 2 else _TURN
-            if came is not arm:
-                flows.append(_Flow(node, arm.far, weight, phases[node][came.way], goes, travel))
-    return flows
-
-
-def _first_s(grid: Grid, node: Node) -> float:
-    (i, j), (x, y) = node, (grid.x_m, grid.y_m)
-    return float(np.round((x[i] - x[0] + y[j] - y[0]) / _MPS))
+                    waits += _waits_s(flow, candidates - offsets[flow.after], cycle_s)
+            offsets[node] = float(candidates[np.argmin(np.round(waits, 6))])
+    return offsets
 
 
 def _waits_s(flow: _Flow, earlier_s: Float64, cycle_s: float) -> Float64:
@@ -128,17 +110,28 @@ def signal_groups(grid: Grid) -> Groups:
 
 def signal_plan(seed: int, grid: Grid, groups: Groups, lanes: list[Draft]) -> SignalPlan:
     """Time all junctions; `lanes` are all of the world."""
-    clear = _clearances_s(groups, lanes)
+    clear, drafts = np.zeros(len(groups.approaches) + len(groups.walks)), {draft.key: draft for draft in lanes}
+    for lane in lanes:  # from the end of a group's green until the last whom it let go has left the junction
+        if lane.signal is not None:
+            clear[lane.signal] = max(clear[lane.signal], *(_leaves_s(drafts[key]) for key in lane.successors))
+    clear = np.ceil(clear * 2) / 2
     draw = generator(seed, "urban layout", "signals")
-    phases = {node: _phases(grid, node) for node in grid.nodes}
-    least = {node: [float(np.round(draw.uniform(*_GREEN_S))) for _ in phases[node]] for node in grid.nodes}
-    rest = {node: _rest_s(groups, clear, node, phases[node]) for node in grid.nodes}
+    phases, least, rest, change = {}, {}, {}, YELLOW_S + _ALL_RED_S
+    for node in grid.nodes:
+        ways = [arm.way for arm in grid.arms(node)]
+        # Approaches along one axis go together; at a corner, where nobody meets, both.
+        axes = [[way for way in ways if way % 2 == axis] for axis in (0, 1)]
+        phases[node] = axes if len(ways) > 2 else [ways]
+        least[node] = [float(np.round(draw.uniform(*_GREEN_S))) for _ in phases[node]]
+        # The cycle holds more than greens of vehicles; their last phase is cleared before people walk.
+        last = max(float(clear[groups.approaches[node, way]]) for way in phases[node][-1])
+        rest[node] = (len(phases[node]) - 1) * change + last + _WALK_GREEN_S + float(clear[groups.walks[node]])
     cycle = float(max(sum(least[node]) + rest[node] for node in grid.nodes))
-    timed = {
-        node: _time_phases(phases[node], [s + (cycle - sum(least[node]) - rest[node]) / len(phases[node])
-                                    for s in least[node]])
-        for node in grid.nodes
-    }  # fmt: skip
+    timed: dict[Node, Phases] = {}
+    for node in grid.nodes:
+        greens = [s + (cycle - sum(least[node]) - rest[node]) / len(phases[node]) for s in least[node]]
+        begins = [k * change + sum(greens[:k]) for k in range(len(greens))]
+        timed[node] = {way: (begins[k], greens[k]) for k, ways in enumerate(phases[node]) for way in ways}
     start, green = np.zeros(len(clear)), np.zeros(len(clear))
     for node, offset in offsets_s(grid, timed, cycle).items():
         for way, (begin, lasts) in timed[node].items():
@@ -148,37 +141,8 @@ def signal_plan(seed: int, grid: Grid, groups: Groups, lanes: list[Draft]) -> Si
     return SignalPlan(cycle, start, green, YELLOW_S)
 
 
-def _phases(grid: Grid, node: Node) -> list[list[int]]:
-    """Arms whose approaches go together: those along one axis; at a corner, where nobody meets, both."""
-    ways = [arm.way for arm in grid.arms(node)]
-    axes = [[way for way in ways if way % 2 == axis] for axis in (0, 1)]
-    return axes if len(ways) > 2 else [ways]
-
-
-def _rest_s(groups: Groups, clear: Float64, node: Node, phases: list[list[int]]) -> float:
-    """What a cycle holds besides greens of vehicles; the last phase of these is cleared before people walk."""
-    last = max(float(clear[groups.approaches[node, way]]) for way in phases[-1])
-    between = (len(phases) - 1) * (YELLOW_S + _ALL_RED_S)
-    return between + last + _WALK_GREEN_S + float(clear[groups.walks[node]])
-
-
-def _time_phases(phases: list[list[int]], greens: list[float]) -> Phases:
-    begins = [k * (YELLOW_S + _ALL_RED_S) + sum(greens[:k]) for k in range(len(phases))]
-    return {way: (begins[k], greens[k]) for k, ways in enumerate(phases) for way in ways}
-
-
-def _clearances_s(groups: Groups, lanes: list[Draft]) -> Float64:
-    """From the end of a group's green until the last whom it let go has left the junction, (G,)."""
-    drafts = {draft.key: draft for draft in lanes}
-    clear = np.zeros(len(groups.approaches) + len(groups.walks))
-    for lane in lanes:
-        if lane.signal is not None:
-            needed = max(_needed_s(drafts[key]) for key in lane.successors)
-            clear[lane.signal] = max(clear[lane.signal], needed)
-    return np.ceil(clear * 2) / 2
-
-
-def _needed_s(way: Draft) -> float:
+def _leaves_s(way: Draft) -> float:
+    """When the last whom a green let go onto a way has left it."""
     if way.kind == "walk":
         return _SETS_OFF_S + length(way.points_m) / SLOW_WALK_MPS
     return YELLOW_S + (length(way.points_m) + _LENGTH_M) / min(_CLEAR_MPS, way.speed_mps)
@@ -193,51 +157,35 @@ Facing: TypeAlias = Literal["out", "road", "house"]
 Size: TypeAlias = tuple[float, float, float]
 
 
-def furniture(seed: int, grid: Grid, groups: Groups) -> list[Placement]:
-    """All that stands on the sidewalks."""
-    placements = []
+def furniture(seed: int, grid: Grid, groups: Groups) -> tuple[list[Placement], Float64]:
+    """All that stands on the sidewalks, and where the lamps shine from (L, 3): under the tips of the posts' arms."""
+    placements, lamps_m = [], []
     for arm in grid.arm.values():
-        draw = generator(seed, "urban layout", "furniture", *arm.node, arm.way)
-        placements += (
-            _signals(grid, arm, groups) + _lamps(grid, arm) + _rest(draw, arm, arm.length_to(grid.opposite(arm)))
-        )
-    return placements
-
-
-def street_lamps_m(grid: Grid) -> Float64:
-    """Where the lamps shine from (L, 3): under the tips of the posts' arms."""
-    lamps = []
-    for arm in grid.arm.values():
-        for post in _lamps(grid, arm):
+        draw, long = generator(seed, "urban layout", "furniture", *arm.node, arm.way), arm.length_to(grid.opposite(arm))
+        both_sides = arm.way < 2 or arm.num_lanes > 1  # lamps are on one side of streets, on both of avenues
+        spots = _spots(long, _LAMP_SPACING_M) if both_sides else []
+        size = (LAMP_REACH_M, 0.2, LAMP_HEIGHT_M)
+        posts = [_at_kerb(arm, "lamp_post", s, size, "road") for s in spots]
+        placements += [*_signals(grid, arm, groups), *posts, *_rest(draw, arm, long)]
+        for post in posts:
             x, y, _ = post.position_m
-            lamps.append([x + LAMP_REACH_M * np.cos(post.yaw_rad), y + LAMP_REACH_M * np.sin(post.yaw_rad),
-                          SIDEWALK_Z_M + LAMP_HEIGHT_M - 0.2])  # fmt: skip
-    return np.array(lamps)
+            lamps_m.append([x + LAMP_REACH_M * np.cos(post.yaw_rad), y + LAMP_REACH_M * np.sin(post.yaw_rad),
+                            SIDEWALK_Z_M + LAMP_HEIGHT_M - 0.2])  # fmt: skip
+    return placements, np.array(lamps_m)
 
 
-def _signals(grid: Grid, arm: Arm, groups: Groups) -> list[Placement]:
+def _signals(grid: Grid, arm: Arm, groups: Groups) -> Iterator[Placement]:
     """At the stop line, beyond the junction, and for those who cross at both kerbs."""
     group, walk = groups.approaches[arm.node, arm.way], groups.walks[arm.node]
-    near = _at_kerb(arm, "signal", _SIGNAL_M, (0.3, 0.3, 3.4), "out", signal=group)
+    yield _at_kerb(arm, "signal", _SIGNAL_M, (0.3, 0.3, 3.4), "out", signal=group)
     ahead = grid.arm.get((arm.node, (arm.way + 2) % 4))
-    beyond = []
     if ahead is not None:
         x, y = ahead.at(CROSSING_M[0] - 0.2, -ahead.right_kerb_m - _KERB_M)
-        beyond = [Placement("signal", (float(x), float(y), SIDEWALK_Z_M), arm.yaw_rad, (0.3, 0.3, 3.4), signal=group)]
-    walks = []
+        yield Placement("signal", (float(x), float(y), SIDEWALK_Z_M), arm.yaw_rad, (0.3, 0.3, 3.4), signal=group)
     for side, left in ((1, arm.left_kerb_m + _KERB_M), (-1, -arm.right_kerb_m - _KERB_M)):
         x, y = arm.at(CROSSING_M[1] + 0.15, left)
         yaw = float((arm.yaw_rad - side * np.pi / 2) % (2 * np.pi))
-        walks.append(Placement("signal", (float(x), float(y), SIDEWALK_Z_M), yaw, (0.25, 0.25, 2.6), signal=walk))
-    return [near, *beyond, *walks]
-
-
-def _lamps(grid: Grid, arm: Arm) -> list[Placement]:
-    """On one side of streets, on both of avenues."""
-    if arm.way > 1 and arm.num_lanes == 1:
-        return []
-    spots = _spots(arm.length_to(grid.opposite(arm)), _LAMP_SPACING_M)
-    return [_at_kerb(arm, "lamp_post", s, (LAMP_REACH_M, 0.2, LAMP_HEIGHT_M), "road") for s in spots]
+        yield Placement("signal", (float(x), float(y), SIDEWALK_Z_M), yaw, (0.25, 0.25, 2.6), signal=walk)
 
 
 def _spots(length_m: float, spacing_m: float) -> list[float]:
@@ -247,28 +195,20 @@ def _spots(length_m: float, spacing_m: float) -> list[float]:
 
 
 def _rest(draw: np.random.Generator, arm: Arm, length_m: float) -> list[Placement]:
-    """A sign, and things between the lamp posts' places."""
+    """A sign, and things between the lamp posts' places: most are trees, where crowns don't reach the drive lanes."""
     placements = [_at_kerb(arm, "sign", length_m - _FROM_M + 1.5, (0.1, 0.6, 2.6), "out", int(draw.integers(1 << 30)))]
     for s in _spots(length_m, _TREE_SPACING_M):
         spot = s + 3.0 + float(draw.uniform(-0.7, 0.7))
-        thing = _thing(draw, arm, spot)
-        if thing is not None and spot < length_m - _FROM_M - 1:
-            placements.append(thing)
+        chosen, variant = float(draw.random()), int(draw.integers(1 << 30))
+        wide, high = float(draw.uniform(2.6, 3.8)), float(draw.uniform(6, 8.5))
+        things: tuple[tuple[float, Kind, Size, Facing], ...] = (
+            (0.62, "tree", (wide, wide, high), "road"), (0.70, "bench", (0.45, 1.6, 0.85), "house"),
+            (0.80, "bin", (0.4, 0.4, 0.9), "house"), (0.85, "hydrant", (0.3, 0.3, 0.8), "road"),
+        )  # fmt: skip
+        for _, kind, size, facing in [thing for thing in things if chosen < thing[0]][:1]:
+            if spot < length_m - _FROM_M - 1 and (kind != "tree" or arm.left_extra_m >= PARKING_M):
+                placements.append(_at_kerb(arm, kind, spot, size, facing, variant))
     return placements
-
-
-def _thing(draw: np.random.Generator, arm: Arm, along_m: float) -> Placement | None:
-    """Most are trees, where their crowns don't reach the drive lanes."""
-    chosen, variant = float(draw.random()), int(draw.integers(1 << 30))
-    wide, high = float(draw.uniform(2.6, 3.8)), float(draw.uniform(6, 8.5))
-    if chosen < 0.62:
-        has_room = arm.left_extra_m >= PARKING_M
-        return _at_kerb(arm, "tree", along_m, (wide, wide, high), "road", variant) if has_room else None
-    if chosen < 0.70:
-        return _at_kerb(arm, "bench", along_m, (0.45, 1.6, 0.85), "house", variant)
-    if chosen < 0.80:
-        return _at_kerb(arm, "bin", along_m, (0.4, 0.4, 0.9), "house", variant)
-    return _at_kerb(arm, "hydrant", along_m, (0.3, 0.3, 0.8), "road", variant) if chosen < 0.85 else None
 
 
 def _at_kerb(
@@ -286,14 +226,15 @@ def urban_layout(seed: int) -> Layout:
     grid = draw_grid(seed)
     groups = signal_groups(grid)
     drafts = [
-        *drive_lanes(grid, groups.approaches),
-        *bike_lanes(grid, groups.approaches),
-        *walk_lanes(grid, groups.walks),
+        *urban_lanes.drive_lanes(grid, groups.approaches),
+        *urban_lanes.bike_lanes(grid, groups.approaches),
+        *urban_lanes.walk_lanes(grid, groups.walks),
     ]
-    signals = signal_plan(seed, grid, groups, drafts)
-    city_map = CityMap("urban", join_points(drafts), signals, regions(grid), parkings(grid), street_lamps_m(grid))
-    patches = (*ground_patches(seed, grid), *marking_patches(grid))
-    return Layout(city_map, patches, (*block_placements(seed, grid), *furniture(seed, grid, groups)))
+    signals, lanes = signal_plan(seed, grid, groups, drafts), join_points(drafts)
+    standing, lamps_m = furniture(seed, grid, groups)
+    regions, ground = urban_ground(seed, grid)
+    city_map = CityMap("urban", lanes, signals, regions, urban_lanes.parkings(grid), lamps_m)
+    return Layout(city_map, (*ground, *marking_patches(grid)), (*block_placements(seed, grid), *standing))
 
 
 def layout(world: WorldName, seed: int) -> Layout:

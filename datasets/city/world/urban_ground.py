@@ -9,27 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.world.city_map import Patch, Placement, Polygon, round_corners, sparse, straight
-from fbench.datasets.city.world.street_grid import (
-    BIKE_M,
-    CORNER_M,
-    LANE_M,
-    PARKING_M,
-    SIDEWALK_M,
-    STOP_M,
-    Arm,
-    Cell,
-    Grid,
-    Node,
-)
-from fbench.datasets.city.world.urban_lanes import (
-    CROSSING_M,
-    OUTER_CORNER_M,
-    SIDEWALK_Z_M,
-    kerb_corner,
-    lane_offset_m,
-    spaces_m,
-)
+from fbench.datasets.city.world import urban_lanes
+from fbench.datasets.city.world.city_map import Patch, Placement, Polygon, round_corners, sparse
+from fbench.datasets.city.world.street_grid import BIKE_M, CORNER_M, LANE_M, PARKING_M, SIDEWALK_M, STOP_M, Arm, Grid
+from fbench.datasets.city.world.urban_lanes import CROSSING_M, OUTER_CORNER_M, SIDEWALK_Z_M
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Float64
 
@@ -41,37 +24,35 @@ _STOP_LINE_M = (11.8, 12.2)  # Along an arm, just beyond the lanes' ends
 
 def marking_patches(grid: Grid) -> list[Patch]:
     """Markings of all streets."""
-    arms = list(grid.arm.values())
-    center = [outline for arm in arms if arm.way < 2 for outline in _center_line(arm, grid.opposite(arm))]
-    sides = [outline for arm in arms for outline in _left_side(arm, grid.opposite(arm))]
-    ends = [outline for arm in arms for outline in (*_zebra(arm), *_stop_lines(arm))]
-    arrows = [outline for arm in arms if arm.num_lanes > 1 for outline in _arrows(grid, arm)]
+    center, sides, ends, arrows = list[Float64](), list[Float64](), list[Float64](), list[Float64]()
+    for arm in grid.arm.values():
+        far, avenue = grid.opposite(arm), arm.num_lanes > 1
+        end, half = arm.length_to(far) - STOP_M, _THIN_M / 2
+        if arm.way < 2 and avenue:
+            center += [_bar(arm, (STOP_M, end), (o - half, o + half)) for o in (-0.12, 0.12)]
+        elif arm.way < 2:
+            center += _dashes(arm, end, 0.0)
+        # On its left: lane lines, the edge of the drive lanes, and parking spaces.
+        for k in range(1, arm.num_lanes):
+            sides += _dashes(arm, end, k * LANE_M)
+        sides.append(_bar(arm, (STOP_M, end), (arm.half_m - _LINE_M / 2, arm.half_m + _LINE_M / 2)))
+        parking, spaces = arm.left_kerb_m - PARKING_M, urban_lanes.spaces_m(arm, far)
+        if spaces and arm.left_extra_m > PARKING_M:
+            sides.append(_bar(arm, (STOP_M, end), (parking - _THIN_M, parking)))
+        across = (parking + 0.1, parking + PARKING_M - 0.05)
+        sides += [_bar(arm, (s - half, s + half), across) for s in sorted({s for space in spaces for s in space})]
+        # A crossing of bars of 0.5 m across the whole street, and stop lines.
+        num, middle = int(arm.left_kerb_m + arm.right_kerb_m - 0.3), (arm.left_kerb_m - arm.right_kerb_m) / 2
+        bars = [middle + k - (num - 1) / 2 for k in range(num)]
+        ends += [_bar(arm, CROSSING_M, (o - 0.25, o + 0.25)) for o in bars]
+        ends.append(_bar(arm, _STOP_LINE_M, (0.2, arm.half_m - 0.2)))
+        if arm.has_bikes:
+            ends.append(_bar(arm, _STOP_LINE_M, (arm.half_m + 0.2, arm.half_m + BIKE_M - 0.2)))
+        arrows += _arrows(grid, arm) if avenue else []
     return [
         *(Patch("marking", outline, PAINT_Z_M) for outline in (*center, *sides, *ends)),
         *(Patch("marking", outline, ARROW_Z_M) for outline in arrows),
     ]
-
-
-def _center_line(arm: Arm, far: Arm) -> Iterator[Float64]:
-    end = arm.length_to(far) - STOP_M
-    if arm.num_lanes > 1:
-        yield from (_bar(arm, (STOP_M, end), (o - _THIN_M / 2, o + _THIN_M / 2)) for o in (-0.12, 0.12))
-    else:
-        yield from _dashes(arm, end, 0.0)
-
-
-def _left_side(arm: Arm, far: Arm) -> Iterator[Float64]:
-    """Lane lines, the edge of the drive lanes, and parking spaces on the left side of an arm."""
-    end = arm.length_to(far) - STOP_M
-    for k in range(1, arm.num_lanes):
-        yield from _dashes(arm, end, k * LANE_M)
-    yield _bar(arm, (STOP_M, end), (arm.half_m - _LINE_M / 2, arm.half_m + _LINE_M / 2))
-    parking = arm.left_kerb_m - PARKING_M
-    spaces = spaces_m(arm, far)
-    if spaces and arm.left_extra_m > PARKING_M:
-        yield _bar(arm, (STOP_M, end), (parking - _THIN_M, parking))
-    for s in sorted({s for space in spaces for s in space}):
-        yield _bar(arm, (s - _THIN_M / 2, s + _THIN_M / 2), (parking + 0.1, parking + PARKING_M - 0.05))
 
 
 def _dashes(arm: Arm, end_m: float, left_m: float) -> Iterator[Float64]:
@@ -79,28 +60,12 @@ def _dashes(arm: Arm, end_m: float, left_m: float) -> Iterator[Float64]:
         yield _bar(arm, (float(start), float(start) + _DASH_M), (left_m - _THIN_M / 2, left_m + _THIN_M / 2))
 
 
-def _zebra(arm: Arm) -> Iterator[Float64]:
-    """Bars of 0.5 m across the whole street."""
-    num = int((arm.left_kerb_m + arm.right_kerb_m) - 0.3)
-    middle = (arm.left_kerb_m - arm.right_kerb_m) / 2
-    for k in range(num):
-        o = middle + k - (num - 1) / 2
-        yield _bar(arm, CROSSING_M, (o - 0.25, o + 0.25))
-
-
-def _stop_lines(arm: Arm) -> Iterator[Float64]:
-    yield _bar(arm, _STOP_LINE_M, (0.2, arm.half_m - 0.2))
-    if arm.has_bikes:
-        yield _bar(arm, _STOP_LINE_M, (arm.half_m + 0.2, arm.half_m + BIKE_M - 0.2))
-
-
 def _arrows(grid: Grid, arm: Arm) -> Iterator[Float64]:
     """On avenues: straight on from each lane that goes there, with a branch for the turn that it also allows."""
     ways = {(exit_.way - arm.way) % 4 for exit_ in grid.arms(arm.node)}
     for k in range(arm.num_lanes):
-        o = lane_offset_m(k)
-        turn = 3 if k == 0 else 1
-        side = {3: -1.0, 1: 1.0}[turn]  # seen outwards, the driver's left is on our right
+        o = urban_lanes.lane_offset_m(k)
+        turn, side = (3, -1.0) if k == 0 else (1, 1.0)  # seen outwards, the driver's left is on our right
         yield _polygon(arm, o, [(17.0, -0.1), (21.0, -0.1), (21.0, 0.1), (17.0, 0.1)])
         if 2 in ways:
             yield _polygon(arm, o, [(15.6, 0.0), (17.0, -0.4), (17.0, 0.4)])
@@ -150,10 +115,15 @@ def block_placements(seed: int, grid: Grid) -> list[Placement]:
             tall = float(draw.uniform(8, 22))
             placements += [house for front in fronts for house in _row(draw, front, tall)]
             placements += _green(draw, ring, grid, max(front.depth_m for front in fronts) + 4.0, 8)
-    return placements + _around_the_world(seed, grid)
+    for k, arm in enumerate(grid.rings[-1]):  # rows of houses outside of the border streets; trees where streets end
+        draw = generator(seed, "urban layout", "outside", k)
+        front = _Front(arm, 0.0, arm.length_to(grid.opposite(arm)), float(draw.uniform(*_DEPTH_M)))
+        placements += _row(draw, front, float(draw.uniform(8, 20)))
+        placements.append(plant(draw, *arm.at(-arm.edge_m, arm.left_kerb_m + SIDEWALK_M + 6.0).tolist()))
+    return placements
 
 
-def is_park(seed: int, cell: Cell) -> bool:
+def is_park(seed: int, cell: tuple[int, int]) -> bool:
     """Whether a block has trees instead of houses."""
     return bool(generator(seed, "urban layout", "park", *cell).random() < _PARK_SHARE)
 
@@ -175,7 +145,7 @@ def _fronts(draw: np.random.Generator, grid: Grid, ring: list[Arm]) -> list[_Fro
 
 def _row(draw: np.random.Generator, front: _Front, tall_m: float) -> list[Placement]:
     """Houses side by side, some with a gap between them."""
-    row, at = [], front.from_m
+    row, arm, at = [], front.arm, front.from_m
     while front.to_m - at >= _WIDTH_M[0]:
         width = float(min(draw.uniform(*_WIDTH_M), front.to_m - at))
         if front.to_m - at - width < _WIDTH_M[0]:
@@ -183,16 +153,12 @@ def _row(draw: np.random.Generator, front: _Front, tall_m: float) -> list[Placem
         height = float(np.clip(tall_m + draw.uniform(-4, 4), *_HEIGHT_M))
         setback = _CORNER_M + float(draw.choice([0.0, 0.0, 0.3]))
         depth = front.depth_m - float(draw.uniform(0, 2))
-        row.append(_house(draw, front.arm, at + width / 2, setback, (depth, width, height)))
+        x, y = arm.at(at + width / 2, arm.left_kerb_m + SIDEWALK_M + setback + depth / 2)
+        yaw, variant = float((arm.yaw_rad - np.pi / 2) % (2 * np.pi)), int(draw.integers(1 << 30))
+        position = (float(x), float(y), SIDEWALK_Z_M)
+        row.append(Placement("building", position, yaw, (depth, width, height), variant))
         at += width + (float(draw.uniform(2, 7)) if draw.random() < _GAP_SHARE else 0.02)
     return row
-
-
-def _house(draw: np.random.Generator, arm: Arm, along: float, setback: float,
-           size: tuple[float, float, float]) -> Placement:  # fmt: skip
-    x, y = arm.at(along, arm.left_kerb_m + SIDEWALK_M + setback + size[0] / 2)
-    yaw = (arm.yaw_rad - np.pi / 2) % (2 * np.pi)
-    return Placement("building", (float(x), float(y), SIDEWALK_Z_M), float(yaw), size, int(draw.integers(1 << 30)))
 
 
 def _green(draw: np.random.Generator, ring: list[Arm], grid: Grid, inset_m: float, num: int) -> list[Placement]:
@@ -206,13 +172,13 @@ def _green(draw: np.random.Generator, ring: list[Arm], grid: Grid, inset_m: floa
     chosen: list[Placement] = []
     for spot in draw.uniform(corner, opposite, (num, 2)):
         if all(np.hypot(spot[0] - p.position_m[0], spot[1] - p.position_m[1]) > 4 for p in chosen):
-            chosen.append(plant(draw, float(spot[0]), float(spot[1]), SIDEWALK_Z_M))
+            chosen.append(plant(draw, *spot.tolist()))
     return chosen
 
 
-def plant(draw: np.random.Generator, x: float, y: float, z: float) -> Placement:
+def plant(draw: np.random.Generator, x: float, y: float) -> Placement:
     """A tree, or sometimes a bush."""
-    position, yaw, variant = (x, y, z), float(draw.uniform(0, 2 * np.pi)), int(draw.integers(1 << 30))
+    position, yaw, variant = (x, y, SIDEWALK_Z_M), float(draw.uniform(0, 2 * np.pi)), int(draw.integers(1 << 30))
     if draw.random() < 0.25:
         wide = float(draw.uniform(0.8, 1.8))
         return Placement("bush", position, yaw, (wide, wide, wide * 0.8), variant)
@@ -220,64 +186,45 @@ def plant(draw: np.random.Generator, x: float, y: float, z: float) -> Placement:
     return Placement("tree", position, yaw, (wide, wide, float(wide * draw.uniform(1.6, 2.2))), variant)
 
 
-def _around_the_world(seed: int, grid: Grid) -> list[Placement]:
-    """Rows of houses outside of the border streets; a tree where a street ends."""
-    placements = []
-    for k, arm in enumerate(grid.rings[-1]):
-        draw = generator(seed, "urban layout", "outside", k)
-        front = _Front(arm, 0.0, arm.length_to(grid.opposite(arm)), float(draw.uniform(*_DEPTH_M)))
-        placements += _row(draw, front, float(draw.uniform(8, 20)))
-        x, y = arm.at(-arm.edge_m, arm.left_kerb_m + SIDEWALK_M + 6.0)
-        placements.append(plant(draw, float(x), float(y), SIDEWALK_Z_M))
-    return placements
-
-
 OUTSKIRTS_M = 45.0  # How far the ground of the blocks goes on around the world, from the outer sidewalk
 _YARDS = ("grass", "soil", "concrete")
 _CUT_M = CROSSING_M[0]  # Along an arm, all kerbs and sidewalks are straight from here on
 
 
-def regions(grid: Grid) -> tuple[Polygon, ...]:
-    """Roads and sidewalks."""
-    roads = [*street_outlines(grid), *(junction_outline(grid, node) for node in grid.nodes)]
-    return (
-        *(Polygon("road", outline) for outline in roads),
-        *(Polygon("sidewalk", outline) for outline in sidewalk_outlines(grid)),
-    )
-
-
-def ground_patches(seed: int, grid: Grid) -> list[Patch]:
-    """Asphalt, sidewalks and what lies inside the blocks."""
+def urban_ground(seed: int, grid: Grid) -> tuple[tuple[Polygon, ...], list[Patch]]:
+    """Roads and sidewalks; and patches of their asphalt and pavement, of what lies inside the blocks, and of the ground
+    around the world: a frame in as many pieces as outer sidewalks.
+    """
     draw = generator(seed, "urban layout", "ground")
-    streets = [Patch("asphalt", o, 0.0, shade=float(draw.uniform(0.85, 1.1))) for o in street_outlines(grid)]
-    junctions = [Patch("asphalt", junction_outline(grid, node), 0.0, shade=0.95) for node in grid.nodes]
-    walks = [Patch("sidewalk", o, SIDEWALK_Z_M, has_kerb=True) for o in sidewalk_outlines(grid)]
-    inner = [
-        Patch("grass" if is_park(seed, cell) else str(draw.choice(_YARDS)), block_outline(ring), SIDEWALK_Z_M)
-        for cell, ring in zip(grid.cells, grid.rings, strict=False)
-    ]
-    return [*streets, *junctions, *walks, *inner, *_outskirts(grid)]
-
-
-def street_outlines(grid: Grid) -> list[Float64]:
-    """Rectangles (4, 2) between junctions, from kerb to kerb."""
-    outlines = []
+    streets = []  # from kerb to kerb, between junctions
     for arm in grid.arm.values():
         if arm.way < 2:
             far, left, right = grid.opposite(arm), arm.left_kerb_m, arm.right_kerb_m
-            corners = [
-                arm.at(CORNER_M, -right),
-                far.at(CORNER_M, right),
-                far.at(CORNER_M, -left),
-                arm.at(CORNER_M, left),
-            ]
-            outlines.append(np.array(corners))
-    return outlines
+            corners = ((arm, -right), (far, right), (far, -left), (arm, left))
+            streets.append(np.array([end.at(CORNER_M, offset) for end, offset in corners]))
+    junctions = [_junction(grid.arms(node)) for node in grid.nodes]
+    walks = [np.concatenate([_kerb_line(ring, k, 0.0), _kerb_line(ring, k, SIDEWALK_M)[::-1]])
+             for ring in grid.rings for k in range(len(ring))]  # fmt: skip
+    patches = [Patch("asphalt", outline, 0.0, shade=float(draw.uniform(0.85, 1.1))) for outline in streets]
+    patches += [Patch("asphalt", outline, 0.0, shade=0.95) for outline in junctions]
+    patches += [Patch("sidewalk", outline, SIDEWALK_Z_M, has_kerb=True) for outline in walks]
+    for cell, ring in zip(grid.cells, grid.rings, strict=False):
+        inside = np.concatenate([_kerb_line(ring, k, SIDEWALK_M) for k in range(len(ring))])
+        patches.append(Patch("grass" if is_park(seed, cell) else str(draw.choice(_YARDS)), inside, SIDEWALK_Z_M))
+    ring, reach = grid.rings[-1], SIDEWALK_M + OUTSKIRTS_M
+    for k, arm in enumerate(ring):
+        after = ring[(k + 1) % len(ring)]
+        outside = [after.at(_CUT_M, after.left_kerb_m + reach), arm.at(_CUT_M, arm.left_kerb_m + reach)]
+        if after.way != arm.way:
+            outside.insert(1, urban_lanes.kerb_corner(arm, after, reach)[0])
+        outline = np.concatenate([_kerb_line(ring, k, SIDEWALK_M), outside])
+        patches.append(Patch("grass", outline, SIDEWALK_Z_M, has_kerb=True))
+    roads = [Polygon("road", outline) for outline in (*streets, *junctions)]
+    return (*roads, *(Polygon("sidewalk", outline) for outline in walks)), patches
 
 
-def junction_outline(grid: Grid, node: Node) -> Float64:
+def _junction(arms: list[Arm]) -> Float64:
     """Kerbs of a junction (P, 2), up to where its streets begin."""
-    arms = grid.arms(node)
     pieces = []
     for arm, after in zip(arms, [*arms[1:], arms[0]], strict=True):
         left, right = arm.left_kerb_m, after.right_kerb_m
@@ -292,40 +239,8 @@ def junction_outline(grid: Grid, node: Node) -> Float64:
     return np.concatenate(pieces)
 
 
-def sidewalk_outlines(grid: Grid) -> list[Float64]:
-    """Strips (P, 2), each along one arm and around the bend after it."""
-    return [
-        np.concatenate([_kerb_line(ring, k, 0.0), _kerb_line(ring, k, SIDEWALK_M)[::-1]])
-        for ring in grid.rings
-        for k in range(len(ring))
-    ]
-
-
-def block_outline(ring: list[Arm]) -> Float64:
-    """What the sidewalks of a block enclose (P, 2)."""
-    return np.concatenate([_kerb_line(ring, k, SIDEWALK_M) for k in range(len(ring))])
-
-
 def _kerb_line(ring: list[Arm], k: int, inset_m: float) -> Float64:
     arm, after = ring[k], ring[(k + 1) % len(ring)]
-    start = arm.at(_CUT_M, arm.left_kerb_m + inset_m)
-    end = after.at(_CUT_M, after.left_kerb_m + inset_m)
-    if arm.way == after.way:
-        return straight(start, end)[[0, -1]]
-    corner, radius = kerb_corner(arm, after, inset_m)
-    return sparse(round_corners(np.array([start, corner, end]), [radius]))
-
-
-def _outskirts(grid: Grid) -> list[Patch]:
-    """Ground outside of the outer sidewalks: a frame in as many pieces as sidewalks."""
-    ring = grid.rings[-1]
-    patches = []
-    for k in range(len(ring)):
-        arm, after, inside = ring[k], ring[(k + 1) % len(ring)], _kerb_line(ring, k, SIDEWALK_M)
-        reach = SIDEWALK_M + OUTSKIRTS_M
-        outside = [after.at(_CUT_M, after.left_kerb_m + reach)]
-        if after.way != arm.way:
-            outside.append(kerb_corner(arm, after, reach)[0])
-        outside.append(arm.at(_CUT_M, arm.left_kerb_m + reach))
-        patches.append(Patch("grass", np.concatenate([inside, outside]), SIDEWALK_Z_M, has_kerb=True))
-    return patches
+    start, end = (one.at(_CUT_M, one.left_kerb_m + inset_m) for one in (arm, after))
+    line = urban_lanes.follow_kerb(arm, after, inset_m, start, end)
+    return line[[0, -1]] if arm.way == after.way else sparse(line)

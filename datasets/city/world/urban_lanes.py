@@ -23,9 +23,39 @@ Groups = dict[tuple[tuple[int, int], int], int]  # Signal groups of approaches b
 
 
 def drive_lanes(grid: Grid, groups: Groups) -> list[Draft]:
-    """Lanes for motor vehicles."""
-    links = [lane for arm in grid.arm.values() for lane in _links(grid, arm, groups)]
-    return links + [lane for arm in grid.arm.values() for lane in _connectors(grid, arm)]
+    """Lanes for motor vehicles: those that leave a junction by an arm, up to the next stop line, and turns."""
+    links, turns = [], []
+    for arm in grid.arm.values():
+        far, num, avenue = grid.opposite(arm), arm.num_lanes, arm.num_lanes > 1
+        speed = _AVENUE_MPS if avenue else _STREET_MPS
+        exits = sorted((exit_.way, k, to) for exit_ in grid.arms(arm.far) for k, to in _pairs(far, exit_))
+        links += [
+            Draft(
+                ("drive", arm.node, arm.way, k),
+                lift(straight(arm.at(STOP_M, -lane_offset_m(k)), far.at(STOP_M, lane_offset_m(k))), 0.0),
+                "drive", LANE_M, speed,
+                tuple(("turn", far.node, far.way, k, way, to) for way, start, to in exits if start == k),
+                left=("drive", arm.node, arm.way, k - 1) if k else None,
+                right=("drive", arm.node, arm.way, k + 1) if k + 1 < num else None,
+                signal=groups[far.node, far.way], longest_m=AVENUE_LONGEST_M if avenue else np.inf,
+            )
+            for k in range(num)
+        ]  # fmt: skip
+        for exit_ in grid.arms(arm.node):
+            turn = (exit_.way - arm.way) % 4
+            longest = BESIDE_BIKES_LONGEST_M if turn == 3 and arm.has_bikes else np.inf
+            for k, to in _pairs(arm, exit_):
+                offsets = lane_offset_m(k), lane_offset_m(to)
+                wide = min(arm.edge_m + offsets[1], exit_.edge_m + offsets[0]) + _ARC_END_M
+                radius = CORNER_M + LANE_M / 2 if turn == 1 else wide
+                turns.append(Draft(
+                    ("turn", arm.node, arm.way, k, exit_.way, to),
+                    lift(turn_path(arm, exit_, offsets, radius), 0.0), "drive", LANE_M,
+                    speed if turn == 2 else float(np.sqrt(_LATERAL_MPS2 * radius)),
+                    (("drive", exit_.node, exit_.way, to),), in_junction=True,
+                    longest_m=AVENUE_LONGEST_M if max(num, exit_.num_lanes) > 1 else longest,
+                ))  # fmt: skip
+    return links + turns
 
 
 def bike_lanes(grid: Grid, groups: Groups) -> list[Draft]:
@@ -48,59 +78,11 @@ def turn_path(approach: Arm, exit_: Arm, offsets_m: tuple[float, float], radius_
     return round_corners(np.array([start, corner, end]), [radius_m])
 
 
-def _links(grid: Grid, arm: Arm, groups: Groups) -> list[Draft]:
-    """Lanes that leave a junction by `arm`, up to the next stop line."""
-    far = grid.opposite(arm)
-    num, avenue = arm.num_lanes, arm.num_lanes > 1
-    exits = {(exit_.way, k, to) for exit_ in grid.arms(arm.far) for k, to in _pairs(far, exit_)}
-    return [
-        Draft(
-            ("drive", arm.node, arm.way, k),
-            lift(straight(arm.at(STOP_M, -lane_offset_m(k)), far.at(STOP_M, lane_offset_m(k))), 0.0),
-            "drive", LANE_M, _AVENUE_MPS if avenue else _STREET_MPS,
-            tuple(("turn", far.node, far.way, k, way, to) for way, start, to in sorted(exits) if start == k),
-            left=("drive", arm.node, arm.way, k - 1) if k else None,
-            right=("drive", arm.node, arm.way, k + 1) if k + 1 < num else None,
-            signal=groups[far.node, far.way],
-            longest_m=AVENUE_LONGEST_M if avenue else np.inf,
-        )
-        for k in range(num)
-    ]  # fmt: skip
-
-
 def _pairs(approach: Arm, exit_: Arm) -> list[tuple[int, int]]:
     """Which lane of an approach leads to which of an exit: straight on keeps lanes, turns use the outermost."""
     turn = (exit_.way - approach.way) % 4
     straight_on = [(k, k) for k in range(approach.num_lanes)]
     return [[], [(approach.num_lanes - 1, exit_.num_lanes - 1)], straight_on, [(0, 0)]][turn]
-
-
-def _connectors(grid: Grid, approach: Arm) -> list[Draft]:
-    return [
-        _connector(approach, exit_, k, to) for exit_ in grid.arms(approach.node) for k, to in _pairs(approach, exit_)
-    ]
-
-
-def _connector(approach: Arm, exit_: Arm, k: int, to: int) -> Draft:
-    turn = (exit_.way - approach.way) % 4
-    offsets = lane_offset_m(k), lane_offset_m(to)
-    wide = min(approach.edge_m + offsets[1], exit_.edge_m + offsets[0]) + _ARC_END_M
-    radius = CORNER_M + LANE_M / 2 if turn == 1 else wide
-    speed = _AVENUE_MPS if approach.num_lanes > 1 else _STREET_MPS
-    return Draft(
-        ("turn", approach.node, approach.way, k, exit_.way, to),
-        lift(turn_path(approach, exit_, offsets, radius), 0.0), "drive", LANE_M,
-        speed if turn == 2 else float(np.sqrt(_LATERAL_MPS2 * radius)),
-        (("drive", exit_.node, exit_.way, to),), in_junction=True,
-        longest_m=_longest_m(approach, exit_),
-    )  # fmt: skip
-
-
-def _longest_m(approach: Arm, exit_: Arm) -> float:
-    if max(approach.num_lanes, exit_.num_lanes) > 1:
-        return AVENUE_LONGEST_M
-    left = (exit_.way - approach.way) % 4 == 3
-    return BESIDE_BIKES_LONGEST_M if left and approach.has_bikes else np.inf
 
 
 def _bike(grid: Grid, ring: list[Arm], k: int, groups: Groups) -> list[Draft]:
@@ -132,7 +114,19 @@ _WIDTH_M, _SPEED_MPS = 1.0, 1.6
 def walk_lanes(grid: Grid, groups: dict[tuple[int, int], int]) -> list[Draft]:
     """Lanes for pedestrians; `groups` are their signals by junction."""
     around = [lane for ring in grid.rings for k in range(len(ring)) for lane in _side(grid, ring, k)]
-    return around + [lane for arm in grid.arm.values() for lane in _crossing(arm, groups[arm.node])]
+    for arm in grid.arm.values():  # two lanes over it, each with a turn onto it and one off it
+        left, right = arm.left_kerb_m, -arm.right_kerb_m
+        around += _one_way(arm, "there", (left, right), _THERE_M, groups[arm.node])
+        around += _one_way(arm, "back", (right, left), _BACK_M, groups[arm.node])
+    return around
+
+
+def follow_kerb(before: Arm, after: Arm, inset_m: float, start_m: Float64, end_m: Float64) -> Float64:
+    """Line (P, 2) at `inset_m` from the kerb of a ring, from one arm around the bend, if there is one, to the next."""
+    if before.way == after.way:
+        return straight(start_m, end_m)
+    corner, radius = kerb_corner(before, after, inset_m)
+    return round_corners(np.array([start_m, corner, end_m]), [radius])
 
 
 def kerb_corner(before: Arm, after: Arm, inset_m: float) -> tuple[Float64, float]:
@@ -152,44 +146,19 @@ def _side(grid: Grid, ring: list[Arm], k: int) -> list[Draft]:
     near = straight(arm.at(_THERE_M - _TURN_M, o), arm.at(_BACK_M + _TURN_M, o))
     mid = straight(near[-1], far.at(_BACK_M + _TURN_M, -o))
     end = straight(mid[-1], far.at(_THERE_M - _TURN_M, -o))
+    corner = follow_kerb(
+        arm, after, KERB_LANE_M, end[-1], after.at(_THERE_M - _TURN_M, after.left_kerb_m + KERB_LANE_M)
+    )
+    # From beyond the far junction back along the arm to beyond its own.
+    house, own = (one.at(CROSSING_M[1], one.left_kerb_m + HOUSE_LANE_M) for one in (after, arm))
+    aside = follow_kerb(arm, after, HOUSE_LANE_M, house, own)
     on_there, on_back = ("on", after.node, after.way, "there"), ("on", far.node, far.way, "back")
     return [
         _walk(("near", *key), near, (("mid", *key),)),
         _walk(("mid", *key), mid, (("end", *key), on_back)),
         _walk(("end", *key), end, (("corner", *key),)),
-        _walk(("corner", *key), _around(arm, after, end[-1]), (("near", after.node, after.way), on_there)),
-        _walk(("house", *key), _house_side(ring, k), (("house", ring[k - 1].node, ring[k - 1].way),)),
-    ]
-
-
-def _around(arm: Arm, after: Arm, start_m: Float64) -> Float64:
-    end = after.at(_THERE_M - _TURN_M, after.left_kerb_m + KERB_LANE_M)
-    if after.way == arm.way:
-        return straight(start_m, end)
-    corner, radius = kerb_corner(arm, after, KERB_LANE_M)
-    return round_corners(np.array([start_m, corner, end]), [radius])
-
-
-def _house_side(ring: list[Arm], k: int) -> Float64:
-    """From beyond the far junction back along the arm to beyond its own."""
-    arm, after = ring[k], ring[(k + 1) % len(ring)]
-    start, end = _house_point(after), _house_point(arm)
-    if after.way == arm.way:
-        return straight(start, end)
-    corner, radius = kerb_corner(arm, after, HOUSE_LANE_M)
-    return round_corners(np.array([start, corner, end]), [radius])
-
-
-def _house_point(arm: Arm) -> Float64:
-    return arm.at(CROSSING_M[1], arm.left_kerb_m + HOUSE_LANE_M)
-
-
-def _crossing(arm: Arm, group: int) -> list[Draft]:
-    """Two lanes over an arm, each with a turn onto it and one off it."""
-    left, right = arm.left_kerb_m, -arm.right_kerb_m
-    return [
-        *_one_way(arm, "there", (left, right), _THERE_M, group),
-        *_one_way(arm, "back", (right, left), _BACK_M, group),
+        _walk(("corner", *key), corner, (("near", after.node, after.way), on_there)),
+        _walk(("house", *key), aside, (("house", ring[k - 1].node, ring[k - 1].way),)),
     ]
 
 
@@ -201,24 +170,20 @@ def _one_way(arm: Arm, name: str, kerbs_m: tuple[float, float], along_m: float, 
     go, leave = kerbs_m[1] - away * _WAIT_M, kerbs_m[1] - away * KERB_LANE_M
     on = round_corners(np.array([arm.at(before, lane), arm.at(along_m, lane), arm.at(along_m, wait)]), [_TURN_M])
     off = round_corners(np.array([arm.at(along_m, go), arm.at(along_m, leave), arm.at(before, leave)]), [_TURN_M])
-    over = straight(on[-1], off[0])
-    onto: Hashable = ("mid", arm.node, arm.way) if name == "back" else ("corner", arm.far, (arm.way + 2) % 4)
-    return [
-        _walk(("on", *key), on, (("over", *key),), group),
-        Draft(("over", *key), _step_aside(over), _WALK, _WIDTH_M, _SPEED_MPS, (("off", *key),), in_junction=True),
-        _walk(("off", *key), off, (onto,)),
-    ]
-
-
-def _step_aside(over_m: Float64) -> Float64:
-    """A crossing begins and ends on the sidewalks, and is on the road from 0.2 m beyond the kerbs."""
-    way = over_m[-1] - over_m[0]
+    # A crossing begins and ends on the sidewalks, and is on the road from 0.2 m beyond the kerbs.
+    way = off[0] - on[-1]
     total = float(np.sqrt((way * way).sum()))
     stops = np.array([0.0, _WAIT_M - 0.05, _WAIT_M + 0.2])
     rest = np.linspace(_WAIT_M + 0.2, total - _WAIT_M - 0.2, int(np.ceil(total - 2 * _WAIT_M - 0.4)) + 1)
     s = np.concatenate([stops, rest[1:-1], total - stops[::-1]])
     z = np.where((s < _WAIT_M) | (s > total - _WAIT_M), SIDEWALK_Z_M, 0.0)
-    return lift(over_m[0] + way * (s / total)[:, None], z)
+    over = lift(on[-1] + way * (s / total)[:, None], z)
+    onto: Hashable = ("mid", arm.node, arm.way) if name == "back" else ("corner", arm.far, (arm.way + 2) % 4)
+    return [
+        _walk(("on", *key), on, (("over", *key),), group),
+        Draft(("over", *key), over, _WALK, _WIDTH_M, _SPEED_MPS, (("off", *key),), in_junction=True),
+        _walk(("off", *key), off, (onto,)),
+    ]
 
 
 def _walk(key: Hashable, points_m: Float64, successors: tuple[Hashable, ...], signal: int | None = None) -> Draft:
@@ -231,13 +196,12 @@ _FROM_M = 14.5  # Along an arm; nearer to the junction, parked cars would hide p
 
 def parkings(grid: Grid) -> tuple[Parking, ...]:
     """All places; cars stand with the traffic beside them."""
-    spaces = ((arm, space) for arm in grid.arm.values() for space in spaces_m(arm, grid.opposite(arm)))
-    return tuple(_parking(arm, (start + end) / 2) for arm, (start, end) in spaces)
-
-
-def _parking(arm: Arm, along_m: float) -> Parking:
-    x, y = arm.at(along_m, arm.left_kerb_m - PARKING_M / 2)
-    return Parking((float(x), float(y), 0.0), float((arm.yaw_rad + np.pi) % (2 * np.pi)), SPACE_M)
+    places = []
+    for arm in grid.arm.values():
+        for start, end in spaces_m(arm, grid.opposite(arm)):
+            x, y = arm.at((start + end) / 2, arm.left_kerb_m - PARKING_M / 2)
+            places.append(Parking((float(x), float(y), 0.0), float((arm.yaw_rad + np.pi) % (2 * np.pi)), SPACE_M))
+    return tuple(places)
 
 
 def spaces_m(arm: Arm, far: Arm) -> list[tuple[float, float]]:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.camera.picture import picture
-from fbench.datasets.city.instant import BodyStates, Instant
+from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, merge_meshes
-from fbench.datasets.city.rays.caster import EmbreeCaster
+from fbench.datasets.city.rays.caster import EmbreeCaster, Instant
 from fbench.datasets.city.rig import CameraSpec, RigSpec
 from fbench.replay.conditions.weather import Weather
 

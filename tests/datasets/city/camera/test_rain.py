@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.camera.develop import add_streaks, linear
-from fbench.datasets.city.camera.picture import mirrored_samples, spread_mirrored
+from fbench.datasets.city.camera.picture import mirror_samples, spread_mirrored
 from fbench.datasets.city.camera.samples import Eye, first_samples
 from fbench.datasets.city.camera.sky import light_of
 from fbench.datasets.city.mesh import Skin, box
@@ -76,7 +76,7 @@ def test_every_other_wet_pixel_of_every_other_row_mirrors(look, ground, spec, si
     now = look([ground]).now(camera, Weather(lux=8_000.0, rain_mm_h=20.0))
     eye = Eye(camera.model(), now.world_T_sensor)
     samples = first_samples(now.caster, now.states, eye, eye.pixels(), light_of(now.weather))
-    found, index = mirrored_samples(now.caster, now.states, samples, size_wh[0])
+    found, index = mirror_samples(now.caster, now.states, samples, size_wh[0])
     width, height = size_wh
     assert index.tolist() == [v * width + u for v in range(0, height, 2) for u in range(0, width, 2)]
     assert len(found.lit) == len(found.rays.direction) == len(index)

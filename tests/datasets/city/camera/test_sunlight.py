@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbench.datasets.city.camera.samples import Eye, first_samples, sunlit_pixels
+from fbench.datasets.city.camera.samples import Eye, find_sunlit, first_samples
 from fbench.datasets.city.camera.sky import light_of
 from fbench.datasets.city.instant import STATIC, Hits, Rays
 from fbench.datasets.city.mesh import Skin, box
@@ -52,5 +52,5 @@ def test_pixels_at_the_end_of_a_row_are_no_neighbors_of_those_at_the_next_ones_b
     hits = Hits(np.arange(12, dtype=np.float32), np.full(12, STATIC, np.int32), triangle, normal, ())
     rays = Rays(np.zeros((1, 3)), ahead, 100.0)
     dark = [0, 2, 3, 7, 11]
-    lit = sunlit_pixels(Shade(dark), None, rays, hits, light_of(Weather()), 4)
+    lit = find_sunlit(Shade(dark), None, rays, hits, light_of(Weather()), 4)
     assert lit.tolist() == [k not in dark for k in range(12)]

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from fbench.datasets.city.instant import BodyStates, Instant
+from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, cylinder, merge_meshes, quad
-from fbench.datasets.city.rays.caster import EmbreeCaster
+from fbench.datasets.city.rays.caster import EmbreeCaster, Instant
 from fbench.datasets.city.rig import RadarSpec, thesis_rig
 from fbench.datasets.city.sensors.radar import Scan, scan
 from fbench.replay.conditions.weather import Weather

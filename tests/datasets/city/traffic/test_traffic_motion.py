@@ -15,7 +15,8 @@ from fbench.replay.contracts.errors import ConfigError
 
 DIGEST = """
 import hashlib
-from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
+from fbench.datasets.city.traffic.placing import TrafficParams
+from fbench.datasets.city.traffic.traffic import Traffic
 from fbench.datasets.city.world.urban import layout
 traffic = Traffic(layout("urban", {seed}), TrafficParams.of("urban"), {seed})
 state = traffic.motion(0.0, 12.0).at(11.87)
