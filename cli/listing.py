@@ -5,7 +5,7 @@ import inspect
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from itertools import pairwise
+from itertools import zip_longest
 from typing import Any, get_args
 
 from rich.table import Table
@@ -41,18 +41,22 @@ def parameter_docs(params: object) -> dict[str, str]:
 
 
 def _docs(cls: type) -> dict[str, str]:
-    """Texts that follow the fields of one class, as documentation tools read them."""
+    """Texts under the fields of one class, as documentation tools read them, or beside them as comments."""
     try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
+        source = textwrap.dedent(inspect.getsource(cls))
+        tree = ast.parse(source)
     except (OSError, TypeError, SyntaxError):
         return {}
     body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
-    docs: dict[str, str] = {}
-    for field, text in pairwise(body):
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
-            value = text.value
-            if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                docs[field.target.id] = " ".join(value.value.split())
+    lines, docs = source.splitlines(), dict[str, str]()
+    for field, after in zip_longest(body, body[1:]):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+            beside = lines[(field.end_lineno or 0) - 1][field.end_col_offset :].strip()
+            match after:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    docs[field.target.id] = " ".join(text.split())
+                case _ if beside.startswith("# "):
+                    docs[field.target.id] = beside[2:]
     return docs
 
 

@@ -39,8 +39,7 @@ class PlainSensors:
 
     def __init__(self, params: PlainParams) -> None:
         self._params, self.cameras = params, CameraStage(params.camera)
-        self.with_camera = "camera" in params.uses
-        """Whether boxes have labels."""
+        self.with_camera = "camera" in params.uses  # Whether boxes have labels
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take the sensors of the rig. Raises ConfigError where a setting by sensor isn't one of a camera. Raises

@@ -54,14 +54,10 @@ class Plain2DParams(PlainParams):
     """`early`: points are clustered in the image; `late`: in space, and their boxes are projected. Overlapping boxes
     are merged in the order camera, LiDAR, radar, stereo.
     """
-    lidar: PlainImageSensorParams = field(default_factory=PlainImageSensorParams)
-    """Points of LiDARs."""
-    radar: PlainImageSensorParams = field(default_factory=_radar_params)
-    """Points of radars."""
-    stereo: PlainImageSensorParams = field(default_factory=PlainImageSensorParams)
-    """Points of stereo."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    lidar: PlainImageSensorParams = field(default_factory=PlainImageSensorParams)  # Points of LiDARs.
+    radar: PlainImageSensorParams = field(default_factory=_radar_params)  # Points of radars.
+    stereo: PlainImageSensorParams = field(default_factory=PlainImageSensorParams)  # Points of stereo.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 class Plain2D(TrackingPipeline[Boxes2D]):

@@ -53,10 +53,8 @@ class Plain3DParams(PlainParams):
     """
     cluster: PlainClusterParams = field(default_factory=PlainClusterParams)
     """With `early`: how the points of all are grouped."""
-    size: PlainSizeParams = field(default_factory=lambda: MORE_POINTS)
-    """With `early`: which clusters are dropped."""
-    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
-    """The tracker."""
+    size: PlainSizeParams = field(default_factory=lambda: MORE_POINTS)  # With `early`: which clusters are dropped.
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -118,16 +118,12 @@ _MAX_NAME_CHARS = 200
 class ExecParams:
     """Parameters of `exec`."""
 
-    command: str = ""
-    """The program with its arguments, split as a shell does; found in PATH, or as a path."""
-    frame_timeout_s: float = 10.0
-    """A program that takes longer for a frame [s] is killed and started again."""
-    start_timeout_s: float = 60.0
-    """So long [s] it may take to be ready."""
+    command: str = ""  # The program with its arguments, split as a shell does; found in PATH, or as a path.
+    frame_timeout_s: float = 10.0  # A program that takes longer for a frame [s] is killed and started again.
+    start_timeout_s: float = 60.0  # So long [s] it may take to be ready.
     close_timeout_s: float = 2.0
     """So long [s] it may take to exit when its stdin is closed, and again when it is terminated; then it is killed."""
-    max_response_mib: int = 64
-    """Longer answers [MiB] are refused."""
+    max_response_mib: int = 64  # Longer answers [MiB] are refused.
 
     def __post_init__(self) -> None:
         for name in ("frame_timeout_s", "start_timeout_s", "close_timeout_s"):

@@ -51,15 +51,13 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     """How likely an object is before any sensor looks [0 to 1]; the lower, the more it means that two agree."""
     lidar_weight: float = bounded(0.75, 0, 1)
     """Probability of what looks fully like a vehicle to LiDAR, by itself [0 to 1]."""
-    radar_weight: float = bounded(0.7, 0, 1)
-    """The same for radar."""
+    radar_weight: float = bounded(0.7, 0, 1)  # The same for radar.
     points_factor: float = bounded(1.6, 1, 1000)
     """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
     object themselves; nearer to 1 for few."""
     measured_share: float = bounded(0.2, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
-    weak_measured_share: float = bounded(1.0, 0, 1)
-    """The same where the camera is least sure; in proportion between."""
+    weak_measured_share: float = bounded(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
     unseen_by_camera: float = bounded(0.1, 0, 1)
     """Factor on the odds of an object that a working camera ought to see and doesn't, where cameras see everything
     that LiDAR and radar see; nearer to 1 the less they saw of that lately, as by night."""
@@ -69,8 +67,7 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     """The same for LiDAR and radar, where their rays go on behind the object."""
     through: float = bounded(0.6, 0, 1)
     """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
-    min_score: float = bounded(0.5, 0, 1)
-    """Objects that are less likely are dropped."""
+    min_score: float = bounded(0.5, 0, 1)  # Objects that are less likely are dropped.
 
 
 @dataclass(frozen=True, eq=False)

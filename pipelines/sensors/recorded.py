@@ -201,10 +201,8 @@ class Which:
 
     topic: str = ""
     """Topic with the results; empty: the file that was named beside the log, else the only topic with results."""
-    tolerance_ms: float = 50.0
-    """A result belongs to the nearest frame whose stamp differs by no more than this [ms]."""
-    offset_ms: float = 0.0
-    """What the results' stamps are ahead of those of their frames [ms]."""
+    tolerance_ms: float = 50.0  # A result belongs to the nearest frame whose stamp differs by no more than this [ms].
+    offset_ms: float = 0.0  # What the results' stamps are ahead of those of their frames [ms].
 
     def __post_init__(self) -> None:
         require_between("tolerance_ms", self.tolerance_ms, 0.0)

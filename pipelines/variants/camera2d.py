@@ -23,10 +23,8 @@ from fbench.replay.data.rig import LogInfo, Rig
 class Camera2DParams(CheckedParams):
     """Parameters of `camera2d`."""
 
-    camera: CameraParams = field(default_factory=CameraParams)
-    """The detector."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    camera: CameraParams = field(default_factory=CameraParams)  # The detector.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()

@@ -40,10 +40,8 @@ class AllSensorsParams(CheckedParams):
     """Detection by camera; without weights those of fbench work on simulated logs; on others it counts as
     missing.
     """
-    lidar: LidarParams = field(default_factory=LidarParams)
-    """Detection by LiDAR."""
-    radar: RadarParams = field(default_factory=RadarParams)
-    """Detection by radar."""
+    lidar: LidarParams = field(default_factory=LidarParams)  # Detection by LiDAR.
+    radar: RadarParams = field(default_factory=RadarParams)  # Detection by radar.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
@@ -81,14 +79,10 @@ class FusedImagesParams(AllSensorsParams):
     """Points and ground; of `lidar.cluster` only max_height_m counts here."""
     radar: RadarParams = field(default_factory=far_radar)
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
-    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
-    """Detection by LiDAR in images."""
-    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
-    """Detection by radar in images."""
-    fusion: ImageFusionParams = field(default_factory=ImageFusionParams)
-    """How the sensors' boxes become one."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)  # Detection by LiDAR in images.
+    radar_image: RadarImageParams = field(default_factory=RadarImageParams)  # Detection by radar in images.
+    fusion: ImageFusionParams = field(default_factory=ImageFusionParams)  # How the sensors' boxes become one.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 class FusedImages(FusionPipeline[Boxes2D]):
@@ -180,12 +174,9 @@ class Early3DParams(AllSensorsParams):
     """How echoes are prepared and which of them move; they are grouped as `fusion.density` says."""
     stereo_pair: Choice = "auto"
     """Whether depth by a stereo pair joins the cloud: `on`, `off`, or `auto`, where the rig has a pair and no LiDAR."""
-    stereo: StereoParams = field(default_factory=StereoParams)
-    """Depth by stereo."""
-    fusion: EarlyParams = field(default_factory=EarlyParams)
-    """How one cloud becomes objects."""
-    tracking: Tracker3DParams = field(default_factory=steady_tracking)
-    """The tracker."""
+    stereo: StereoParams = field(default_factory=StereoParams)  # Depth by stereo.
+    fusion: EarlyParams = field(default_factory=EarlyParams)  # How one cloud becomes objects.
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
 
 
 class Early3D(FusionPipeline[Boxes3D]):
@@ -237,10 +228,8 @@ class Early3D(FusionPipeline[Boxes3D]):
 class Late3DParams(AllSensorsParams):
     """Parameters of `late3d`."""
 
-    fusion: FusionParams = field(default_factory=FusionParams)
-    """How the sensors' objects become one."""
-    tracking: Tracker3DParams = field(default_factory=steady_tracking)
-    """The tracker."""
+    fusion: FusionParams = field(default_factory=FusionParams)  # How the sensors' objects become one.
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
 
 
 class Late3D(FusionPipeline[Boxes3D]):

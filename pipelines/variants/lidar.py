@@ -22,10 +22,8 @@ from fbench.replay.data.rig import LogInfo, Rig
 class LidarAloneParams(CheckedParams):
     """What pipelines of LiDARs alone share."""
 
-    lidar: LidarParams = field(default_factory=LidarParams)
-    """Detection."""
-    min_score: float = bounded(0.5, 0, 1)
-    """Clusters with a lower score are dropped."""
+    lidar: LidarParams = field(default_factory=LidarParams)  # Detection.
+    min_score: float = bounded(0.5, 0, 1)  # Clusters with a lower score are dropped.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
@@ -40,20 +38,16 @@ class Lidar2DParams(LidarAloneParams):
 
     lidar: LidarParams = field(default_factory=whole_vehicles)
     """Points and ground; of `lidar.cluster` only max_height_m counts here."""
-    min_score: float = bounded(0.4, 0, 1)
-    """Clusters that look less like a vehicle than this are dropped."""
-    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
-    """Detection in images."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    min_score: float = bounded(0.4, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
+    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)  # Detection in images.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 @dataclass(frozen=True)
 class Lidar3DParams(LidarAloneParams):
     """Parameters of `lidar3d`."""
 
-    tracking: Tracker3DParams = field(default_factory=steady_tracking)
-    """The tracker."""
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
 
 
 class Lidar2D(TrackingPipeline[Boxes2D]):

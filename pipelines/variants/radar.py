@@ -21,10 +21,8 @@ from fbench.replay.data.rig import LogInfo, Rig
 class RadarAloneParams(CheckedParams):
     """What pipelines of radars alone share."""
 
-    radar: RadarParams = field(default_factory=RadarParams)
-    """Detection."""
-    min_score: float = bounded(0.65, 0, 1)
-    """Clusters with a lower score are dropped."""
+    radar: RadarParams = field(default_factory=RadarParams)  # Detection.
+    min_score: float = bounded(0.65, 0, 1)  # Clusters with a lower score are dropped.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
@@ -39,20 +37,16 @@ class Radar2DParams(RadarAloneParams):
 
     radar: RadarParams = field(default_factory=far_radar)
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
-    min_score: float = bounded(0.4, 0, 1)
-    """Clusters with a lower score are dropped."""
-    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
-    """Detection in images."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    min_score: float = bounded(0.4, 0, 1)  # Clusters with a lower score are dropped.
+    radar_image: RadarImageParams = field(default_factory=RadarImageParams)  # Detection in images.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 @dataclass(frozen=True)
 class Radar3DParams(RadarAloneParams):
     """Parameters of `radar3d`."""
 
-    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
-    """The tracker."""
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
 
 
 class Radar2D(TrackingPipeline[Boxes2D]):

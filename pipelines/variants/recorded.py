@@ -62,8 +62,7 @@ class TrackParams(Which):
         default_factory=lambda: Tracker3DParams(association="giou", max_missed=3, predicted_share=0.0)
     )
     """The tracker where detections are in 3D."""
-    tracking2d: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker where they are in images."""
+    tracking2d: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker where they are in images.
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -17,14 +17,10 @@ from fbench.replay.data.rig import LogInfo, Rig
 class Stereo3DParams(CheckedParams):
     """Parameters of `stereo3d`."""
 
-    stereo: StereoParams = field(default_factory=StereoParams)
-    """Which cameras, and how they give depth."""
-    objects: ObjectParams = field(default_factory=ObjectParams)
-    """What becomes of the points."""
-    min_score: float = bounded(0.5, 0, 1)
-    """Clusters that look less like a vehicle than this are dropped."""
-    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
-    """The tracker."""
+    stereo: StereoParams = field(default_factory=StereoParams)  # Which cameras, and how they give depth.
+    objects: ObjectParams = field(default_factory=ObjectParams)  # What becomes of the points.
+    min_score: float = bounded(0.5, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
 

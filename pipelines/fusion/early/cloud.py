@@ -125,8 +125,7 @@ class DepthStage:
     ) -> None:
         self._lidar = LidarStage(rig, log_info, params, settings)
         self._stereo, self._params = stereo, ObjectParams()
-        self.eye_m = _eye(rig, stereo)
-        """(2,) from where the cloud is seen [m]."""
+        self.eye_m = _eye(rig, stereo)  # (2,) from where the cloud is seen [m]
         self.shapes = replace(params, judge=params.judge or "model")
         """How shapes are classified: those of stereo by rules."""
         if not rig.sensors("lidar"):

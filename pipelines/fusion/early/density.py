@@ -137,16 +137,11 @@ class DensityParams(CheckedParams, prefix="fusion.density"):
     Standing echoes that no camera's box holds join clusters, but link nothing.
     """
 
-    lidar_points: float = bounded(3.0, 0.01, 1e6)
-    """So many LiDAR points alone make a core."""
-    stereo_points: float = bounded(8.0, 0.01, 1e6)
-    """So many points of stereo alone make a core."""
-    moving_echoes: float = bounded(3.0, 0.01, 1e6)
-    """So many moving radar echoes alone make a core."""
-    standing_echoes: float = bounded(40.0, 0.01, 1e6)
-    """So many standing radar echoes alone make a core."""
-    seen_factor: float = bounded(2.0, 0, 1000)
-    """Points that a camera's box is given count so many times."""
+    lidar_points: float = bounded(3.0, 0.01, 1e6)  # So many LiDAR points alone make a core.
+    stereo_points: float = bounded(8.0, 0.01, 1e6)  # So many points of stereo alone make a core.
+    moving_echoes: float = bounded(3.0, 0.01, 1e6)  # So many moving radar echoes alone make a core.
+    standing_echoes: float = bounded(40.0, 0.01, 1e6)  # So many standing radar echoes alone make a core.
+    seen_factor: float = bounded(2.0, 0, 1000)  # Points that a camera's box is given count so many times.
     reach_m: float = bounded(0.6, 0.01, 50)
     """Points of LiDAR and stereo nearer than this [m] to each other are neighbors."""
     reach_rad: float = bounded(0.03, 0, 1)

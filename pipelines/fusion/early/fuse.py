@@ -46,16 +46,14 @@ class ExistenceParams(CheckedParams, prefix="fusion.existence"):
     """Of a group in a camera's box with too few points to have a shape."""
     camera_points: float = bounded(0.2, -1000, 1000)
     """Times the logarithm of the number of points and moving echoes, where a camera's box holds the group."""
-    alone: float = bounded(0.3, -1000, 1000)
-    """Of a group that no camera's box holds, beside what its shape says."""
+    alone: float = bounded(0.3, -1000, 1000)  # Of a group that no camera's box holds, beside what its shape says.
     shapeless: float = bounded(-2.3, -1000, 1000)
     """Of such a group with too few points to have a shape, instead of that."""
     unconfirmed: float = bounded(-1.2, -1000, 1000)
     """Of such a group where LiDAR or stereo deliver, and ought to have seen more."""
     unseen: float = bounded(-1.8, -1000, 1000)
     """Of a group that a working camera looks at from near and doesn't report."""
-    unseen_px: float = bounded(80.0, 0.1, 1e5)
-    """Where a car looks n pixels high, 1 - exp(-n / this) of that counts."""
+    unseen_px: float = bounded(80.0, 0.1, 1e5)  # Where a car looks n pixels high, 1 - exp(-n / this) of that counts.
     moving: float = bounded(0.8, -1000, 1000)
     """Times the logarithm of the number of moving echoes, where no camera's box holds the group."""
     most_odds: float = bounded(4.0, 0, 30)
@@ -69,22 +67,16 @@ class EarlyParams(CheckedParams, prefix="fusion"):
     camera_share: float = bounded(0.5, 0, 1)
     """Boxes down to this share of a camera's `min_score` [0 to 1] count where the shape of their points confirms
     them."""
-    echoes: EchoParams = field(default_factory=EchoParams)
-    """Which standing radar echoes join the cloud."""
-    semantics: SemanticsParams = field(default_factory=SemanticsParams)
-    """How points take the labels of camera boxes."""
-    density: DensityParams = field(default_factory=DensityParams)
-    """How points are clustered."""
-    existence: ExistenceParams = field(default_factory=ExistenceParams)
-    """How sure it is that clusters are road users."""
-    fit_points: float = bounded(4.0, 1, 1e6)
-    """From so many points of LiDAR and stereo on their shape gives the box."""
+    echoes: EchoParams = field(default_factory=EchoParams)  # Which standing radar echoes join the cloud.
+    semantics: SemanticsParams = field(default_factory=SemanticsParams)  # How points take the labels of camera boxes.
+    density: DensityParams = field(default_factory=DensityParams)  # How points are clustered.
+    existence: ExistenceParams = field(default_factory=ExistenceParams)  # How sure it is that clusters are road users.
+    fit_points: float = bounded(4.0, 1, 1e6)  # From so many points of LiDAR and stereo on their shape gives the box.
     most_extent_m: float = bounded(20.0, 0.1, 1000)
     """Clusters wider than this along x or y [m] that no camera sees are walls."""
     merge_m: float = bounded(2.0, 0, 100)
     """Of objects with centers nearer than this [m], or the center of one in the other, the surest stays."""
-    min_score: float = bounded(0.5, 0, 1)
-    """Objects with a lower score are dropped."""
+    min_score: float = bounded(0.5, 0, 1)  # Objects with a lower score are dropped.
 
 
 def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:

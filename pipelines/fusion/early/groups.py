@@ -23,10 +23,8 @@ class SemanticsParams(CheckedParams, prefix="fusion.semantics"):
 
     inset: float = bounded(0.03, 0, 0.5)
     """This share of a box's width [0 to 0.5] is left out at each side, where its outline is loose."""
-    margin_px: float = bounded(5.0, 0, 10_000)
-    """Points may lie this far above and below a box [px]."""
-    radar_rad: float = bounded(0.01, 0, 1)
-    """Error of a radar's azimuths [rad]: its echoes may lie so far beside a box."""
+    margin_px: float = bounded(5.0, 0, 10_000)  # Points may lie this far above and below a box [px].
+    radar_rad: float = bounded(0.01, 0, 1)  # Error of a radar's azimuths [rad]: its echoes may lie so far beside a box.
     gate: float = bounded(2.5, 0.1, 100)
     """Largest difference between a point's distance and that guessed from the image, in standard deviations."""
     depth_margin_m: float = bounded(0.7, 0, 100)

@@ -37,10 +37,8 @@ class FusionParams(CheckedParams, prefix="fusion"):
     that, and each that doesn't see it log(1 - the probability that it would).
     """
 
-    association: AssociationParams = field(default_factory=AssociationParams)
-    """What belongs together."""
-    agreement: AgreementParams = field(default_factory=AgreementParams)
-    """How well the sensors work."""
+    association: AssociationParams = field(default_factory=AssociationParams)  # What belongs together.
+    agreement: AgreementParams = field(default_factory=AgreementParams)  # How well the sensors work.
     camera_share: float = bounded(0.5, 0, 1)
     """Boxes down to this share of a camera's `min_score` [0 to 1] count where LiDAR or moving echoes confirm them."""
     prior: float = bounded(0.13, 0, 1)
@@ -53,31 +51,24 @@ class FusionParams(CheckedParams, prefix="fusion"):
     """How far a LiDAR cluster's score is believed [0 to 1] where it is a probability (`lidar.judge=model`)."""
     ruled_weight: float = bounded(0.5, 0, 1)
     """The same where rules give it: what looks like a car by them is often something else."""
-    radar_weight: float = bounded(0.8, 0, 1)
-    """How far the score of moving echoes is believed [0 to 1]."""
+    radar_weight: float = bounded(0.8, 0, 1)  # How far the score of moving echoes is believed [0 to 1].
     standing_weight: float = bounded(0.19, 0, 1)
     """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
     believed [0 to 1]."""
     confirmed_lidar: float = bounded(0.19, 0, 1)
     """Probability that many LiDAR points where a camera sees an object belong to one, whatever their shape [0 to
     1]."""
-    confirmed_radar: float = bounded(0.66, 0, 1)
-    """The same of moving echoes [0 to 1]."""
+    confirmed_radar: float = bounded(0.66, 0, 1)  # The same of moving echoes [0 to 1].
     unlikely: float = bounded(0.2, 1e-6, 1)
     """What a radar or camera reports where something hides it from view is believed as if it saw this share of such
     objects [0 to 1]: most of it are mirrored images, or aren't there."""
-    full_points: float = bounded(8.0, 0.1, 1e6)
-    """Of n points 1 - exp(-n / this) of that is believed."""
-    camera_height_px: float = bounded(12.0, 0.1, 10_000)
-    """Height [px] at which a camera sees every second object."""
+    full_points: float = bounded(8.0, 0.1, 1e6)  # Of n points 1 - exp(-n / this) of that is believed.
+    camera_height_px: float = bounded(12.0, 0.1, 10_000)  # Height [px] at which a camera sees every second object.
     lidar_half_m: float = bounded(40.0, 1, 1e6)
     """Distance [m] at which every second object has enough LiDAR points to be found."""
-    max_range_m: float = bounded(60.0, 1, 1000)
-    """LiDAR and radar aren't expected to see farther objects [m]."""
-    max_detection: float = bounded(0.95, 0, 1)
-    """No sensor sees more than this share of what it could [0 to 1]."""
-    min_score: float = bounded(0.4, 0, 1)
-    """Objects with a lower probability are dropped."""
+    max_range_m: float = bounded(60.0, 1, 1000)  # LiDAR and radar aren't expected to see farther objects [m].
+    max_detection: float = bounded(0.95, 0, 1)  # No sensor sees more than this share of what it could [0 to 1].
+    min_score: float = bounded(0.4, 0, 1)  # Objects with a lower probability are dropped.
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,14 +133,12 @@ class CameraParams:
     """
     nms_iou: float | None = None
     """Of two boxes of one group that overlap more than this, the one with the higher score stays."""
-    nms_containment: float | None = None
-    """The same for a box of which more than this share lies inside the other."""
+    nms_containment: float | None = None  # The same for a box of which more than this share lies inside the other.
     tiles: bool = True
     """Look also at overlapping windows of very wide or tall images, since far objects vanish when these are shrunk."""
     tile_aspect: float = 2.0
     """Longer by shorter side of such a window; images up to this aspect are looked at as a whole only."""
-    tile_overlap: float = 0.1
-    """Least share of a window by which neighbors overlap."""
+    tile_overlap: float = 0.1  # Least share of a window by which neighbors overlap.
     input_wh: tuple[int, int] | None = None
     """Width and height of the model's input [px], for models that leave it free."""
     threads: int = 2

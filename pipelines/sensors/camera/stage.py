@@ -47,8 +47,7 @@ class CameraDetectors:
         self._loaded: dict[CameraParams, CameraDetector] = {}
         self._detector(params)
         self._of: dict[str, CameraDetector] = {}
-        self.identity: Mapping[str, object] = {}
-        """What the manifest says of weights that no parameter names."""
+        self.identity: Mapping[str, object] = {}  # What the manifest says of weights that no parameter names
 
     def assign(self, own: Mapping[str, CameraParams], log_info: LogInfo) -> None:
         """Give each camera of a log the detector of its own parameters; see the class for what is raised.
@@ -104,10 +103,8 @@ class CameraStage:
 
     def __init__(self, params: CameraParams, share: float = 1.0) -> None:
         self._params, self._detectors, self._share = params, CameraDetectors(params), share
-        self.used: tuple[str, ...] = ()
-        """Names of the cameras that have weights, in order."""
-        self.missing: Mapping[str, str] = {}
-        """The other cameras of the rig, with the reason."""
+        self.used: tuple[str, ...] = ()  # Names of the cameras that have weights, in order
+        self.missing: Mapping[str, str] = {}  # The other cameras of the rig, with the reason
 
     @property
     def identity(self) -> Mapping[str, object]:

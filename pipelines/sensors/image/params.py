@@ -17,16 +17,11 @@ from fbench.replay.data.arrays import Float64, Int64
 class ImageClusterParams:
     """Clustering of projected points, over u, v and depth."""
 
-    method: str = "dbscan"
-    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
-    eps_px: float = 20.0
-    """Radius [px]."""
-    min_points: int = 5
-    """Points within the radius that make a core point, itself included."""
-    with_depth: bool = True
-    """Whether depth counts; if not, points are grouped by their place in the image alone."""
-    depth_px_per_m: float = 15.0
-    """A difference in depth of 1 m counts as a distance of this many pixels [px/m]."""
+    method: str = "dbscan"  # DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics.
+    eps_px: float = 20.0  # Radius [px].
+    min_points: int = 5  # Points within the radius that make a core point, itself included.
+    with_depth: bool = True  # Whether depth counts; if not, points are grouped by their place in the image alone.
+    depth_px_per_m: float = 15.0  # A difference in depth of 1 m counts as a distance of this many pixels [px/m].
 
     def __post_init__(self) -> None:
         ranges = {"eps_px": (0.01, 1e4), "min_points": (1, 1e6), "depth_px_per_m": (0.0, 1e4)}
@@ -50,28 +45,20 @@ _LEAST_STEP = 1e-6
 class ShapeParams:
     """What a vehicle looks like; in each pair, values from the first on are fine, from the second on impossible."""
 
-    bottom_m: tuple[float, float] = (0.75, 1.1)
-    """Height above ground of the lowest point [m]."""
-    top_m: tuple[float, float] = (3.8, 4.6)
-    """Height of the highest point [m]."""
+    bottom_m: tuple[float, float] = (0.75, 1.1)  # Height above ground of the lowest point [m].
+    top_m: tuple[float, float] = (3.8, 4.6)  # Height of the highest point [m].
     least_top_m: tuple[float, float] = (1.0, 0.85)
     """The same, where it is too low: guard rails and kerbs. It counts for what is narrower than `thin_m` only."""
-    thin_m: float = 0.4
-    """Shorter edge [m] below which something may be a rail or a wall."""
-    least_extent_m: tuple[float, float] = (1.3, 0.8)
-    """Longer edge [m]."""
-    most_length_m: tuple[float, float] = (9.0, 14.0)
-    """Longer edge [m]."""
-    most_width_m: tuple[float, float] = (2.8, 3.2)
-    """Shorter edge [m]."""
+    thin_m: float = 0.4  # Shorter edge [m] below which something may be a rail or a wall.
+    least_extent_m: tuple[float, float] = (1.3, 0.8)  # Longer edge [m].
+    most_length_m: tuple[float, float] = (9.0, 14.0)  # Longer edge [m].
+    most_width_m: tuple[float, float] = (2.8, 3.2)  # Shorter edge [m].
     filling_m: tuple[float, float] = (0.15, 0.35)
     """Mean distance of the points from the nearest edge [m]: vegetation fills its rectangle."""
-    num_points: tuple[float, float] = (8.0, 3.0)
-    """Number of points: a handful is too few to tell."""
+    num_points: tuple[float, float] = (8.0, 3.0)  # Number of points: a handful is too few to tell.
     num_over: tuple[float, float] = (0.0, 4.0)
     """Number of points above the height of vehicles: poles, walls and trees go on."""
-    still: float = 1.0
-    """Factor on the score of what isn't known to move [0 to 1]."""
+    still: float = 1.0  # Factor on the score of what isn't known to move [0 to 1].
 
     def __post_init__(self) -> None:
         require_between("shape.thin_m", self.thin_m, 0.0, 100.0)
@@ -108,10 +95,8 @@ def _radar_ground() -> GroundParams:
 class LidarImageParams:
     """How LiDAR points become boxes in images. Pixels are those of a camera with a focal length of 400 px."""
 
-    cluster: ImageClusterParams = field(default_factory=_lidar_clusters)
-    """How points are grouped."""
-    shape: ShapeParams = field(default_factory=ShapeParams)
-    """What a group must look like."""
+    cluster: ImageClusterParams = field(default_factory=_lidar_clusters)  # How points are grouped.
+    shape: ShapeParams = field(default_factory=ShapeParams)  # What a group must look like.
     margin_px: float = 3.0
     """By so much outlines are wider than their points on each side [px]: half of the spacing of beams."""
 
@@ -125,17 +110,14 @@ class RadarImageParams:
 
     cluster: ImageClusterParams = field(default_factory=_radar_clusters)
     """How echoes are grouped; those that move apart from those that stand still."""
-    ground: GroundParams = field(default_factory=_radar_ground)
-    """How the ground is found."""
-    max_height_m: float = 4.5
-    """Echoes higher above the ground [m] are left out."""
+    ground: GroundParams = field(default_factory=_radar_ground)  # How the ground is found.
+    max_height_m: float = 4.5  # Echoes higher above the ground [m] are left out.
     min_echoes: int = 1000
     """With fewer echoes in a frame nothing tells where the ground is, nor what shape things have: clusters are found
     as in `radar3d`, completed to vehicles and projected."""
     shape: ShapeParams = field(default_factory=_radar_shape)
     """What a group must look like; of one that moves, only how large it is and of how many echoes."""
-    margin_px: float = 2.5
-    """By so much outlines are wider than their echoes on each side [px]."""
+    margin_px: float = 2.5  # By so much outlines are wider than their echoes on each side [px].
 
     def __post_init__(self) -> None:
         ranges = {"max_height_m": (0.1, 100.0), "min_echoes": (0, 1e9), "margin_px": (0.0, 1000.0)}

@@ -179,24 +179,17 @@ class CarShapeParams:
 
     bottom_m: tuple[float, float] = (0.75, 1.1)
     """Height of the lowest point [m]: cars stand on the ground, but LiDARs look between rings."""
-    top_m: tuple[float, float] = (2.1, 2.5)
-    """Height of the highest point [m]."""
-    least_extent_m: tuple[float, float] = (1.3, 0.8)
-    """Longer edge [m] where only a part is seen."""
-    most_length_m: tuple[float, float] = (5.2, 6.5)
-    """Longer edge [m]."""
-    most_width_m: tuple[float, float] = (2.0, 2.5)
-    """Shorter edge [m]."""
+    top_m: tuple[float, float] = (2.1, 2.5)  # Height of the highest point [m].
+    least_extent_m: tuple[float, float] = (1.3, 0.8)  # Longer edge [m] where only a part is seen.
+    most_length_m: tuple[float, float] = (5.2, 6.5)  # Longer edge [m].
+    most_width_m: tuple[float, float] = (2.0, 2.5)  # Shorter edge [m].
     filling_m: tuple[float, float] = (0.12, 0.25)
     """Mean distance of the points from the nearest edge [m]: vegetation fills its rectangle."""
-    num_points: tuple[float, float] = (10.0, 4.0)
-    """Number of points: a handful is too few to tell."""
+    num_points: tuple[float, float] = (10.0, 4.0)  # Number of points: a handful is too few to tell.
     num_over: tuple[float, float] = (0.0, 4.0)
     """Number of points above the height of cars: poles, walls and trees go on."""
-    margin_m: float = 0.3
-    """How far beside the rectangle points count as above it [m]."""
-    where: ClassVar[str] = "lidar.shape"
-    """Dotted name of these parameters."""
+    margin_m: float = 0.3  # How far beside the rectangle points count as above it [m].
+    where: ClassVar[str] = "lidar.shape"  # Dotted name of these parameters.
 
     def __post_init__(self) -> None:
         require_between(f"{self.where}.margin_m", self.margin_m, 0, 100)

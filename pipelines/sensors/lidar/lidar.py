@@ -27,19 +27,14 @@ from fbench.replay.data.rig import LogInfo
 class LidarClusterParams:
     """Clustering of what stands on the ground."""
 
-    method: str = "dbscan"
-    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
-    eps_m: float = 0.6
-    """Radius [m]."""
-    min_points: int = 3
-    """Points within the radius that make a core point, itself included."""
+    method: str = "dbscan"  # DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics.
+    eps_m: float = 0.6  # Radius [m].
+    min_points: int = 3  # Points within the radius that make a core point, itself included.
     adaptive_from_m: float | None = 25.0
     """Beyond this distance from the body's origin [m] the radius of DBSCAN grows in proportion to it, as the spacing of
     beams does; none: it is the same everywhere."""
-    with_height: bool = False
-    """Whether heights count; if not, points are grouped as seen from above."""
-    max_height_m: float = 2.5
-    """Points higher above the ground [m], such as trees over a street, are left out."""
+    with_height: bool = False  # Whether heights count; if not, points are grouped as seen from above.
+    max_height_m: float = 2.5  # Points higher above the ground [m], such as trees over a street, are left out.
 
     def __post_init__(self) -> None:
         ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "max_height_m": (0.1, 100.0)}
@@ -60,33 +55,26 @@ OWN = ("min_range_m", "max_range_m")
 class LidarParams:
     """Parameters of detection by LiDAR."""
 
-    min_range_m: float = 2.5
-    """Points nearer to the LiDAR [m] lie on the own vehicle."""
-    max_range_m: float | None = None
-    """Points farther from the LiDAR [m] are left out; none: all are used."""
+    min_range_m: float = 2.5  # Points nearer to the LiDAR [m] lie on the own vehicle.
+    max_range_m: float | None = None  # Points farther from the LiDAR [m] are left out; none: all are used.
     ego_front_m: float = 4.0
     """The own vehicle reaches this far ahead of the body's origin [m]: points in its outline lie on it."""
-    ego_rear_m: float = 2.5
-    """The own vehicle reaches this far behind the body's origin [m]."""
+    ego_rear_m: float = 2.5  # The own vehicle reaches this far behind the body's origin [m].
     ego_side_m: float = 1.1
     """The own vehicle reaches this far to each side of the body's origin [m]; 0: no points are taken for its own."""
     deskew: bool = True
     """Where poses are known, points are moved to the frame's instant by their own times, unless the log says that
     nothing moved in a sweep; sweeps of other instants are moved as a whole."""
-    ground: GroundParams = field(default_factory=GroundParams)
-    """How the ground is found."""
-    cluster: LidarClusterParams = field(default_factory=LidarClusterParams)
-    """How points are grouped."""
-    size: VehicleSize = field(default_factory=VehicleSize)
-    """What partly seen cars are completed to."""
+    ground: GroundParams = field(default_factory=GroundParams)  # How the ground is found.
+    cluster: LidarClusterParams = field(default_factory=LidarClusterParams)  # How points are grouped.
+    size: VehicleSize = field(default_factory=VehicleSize)  # What partly seen cars are completed to.
     sizes: OtherSizes = field(default_factory=OtherSizes)
     """What others are completed to; only the model tells them apart."""
     judge: Literal["model", "rules"] | None = None
     """How clusters are judged: `model`, fitted on the simulated city, gives the probability of a road user and its
     class, `rules` how much a cluster looks like a passenger car; none: by the model in simulated logs, else by rules.
     """
-    shape: CarShapeParams = field(default_factory=CarShapeParams)
-    """What a cluster must look like by the rules."""
+    shape: CarShapeParams = field(default_factory=CarShapeParams)  # What a cluster must look like by the rules.
 
     def __post_init__(self) -> None:
         names = ("min_range_m", "ego_front_m", "ego_rear_m", "ego_side_m")

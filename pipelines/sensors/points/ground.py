@@ -91,20 +91,13 @@ def fullest_bands(z_m: Float64, band_m: float) -> tuple[Int64, Int64]:
 class GroundParams:
     """How the ground is found: a plane through the lowest points of all cells, then a surface of limited slope."""
 
-    cell_m: float = 2.0
-    """Edge of the cells [m] whose lowest points stand for the ground."""
-    outliers: float = 0.05
-    """Share of a cell's points that may lie below the ground."""
-    range_m: float = 60.0
-    """Farthest points [m] that take part."""
-    max_tilt: float = 0.16
-    """Steepest plane [m/m], by tilt of the sensors or of the road."""
-    max_slope: float = 0.06
-    """Steepest deviation from the plane [m/m]."""
-    tolerance_m: float = 0.2
-    """Height [m] below which a point belongs to the ground."""
-    where: ClassVar[str] = "lidar.ground"
-    """Dotted name of these parameters."""
+    cell_m: float = 2.0  # Edge of the cells [m] whose lowest points stand for the ground.
+    outliers: float = 0.05  # Share of a cell's points that may lie below the ground.
+    range_m: float = 60.0  # Farthest points [m] that take part.
+    max_tilt: float = 0.16  # Steepest plane [m/m], by tilt of the sensors or of the road.
+    max_slope: float = 0.06  # Steepest deviation from the plane [m/m].
+    tolerance_m: float = 0.2  # Height [m] below which a point belongs to the ground.
+    where: ClassVar[str] = "lidar.ground"  # Dotted name of these parameters.
 
     def __post_init__(self) -> None:
         # Cells and range bound the size of the grid.

@@ -14,12 +14,9 @@ from fbench.replay.geometry.kernels import kernel
 class VehicleSize:
     """Size of a typical car, to which partly seen vehicles are completed."""
 
-    length_m: float = SIZES["car"].lidar_lwh_m[0]
-    """Length [m]."""
-    width_m: float = SIZES["car"].lidar_lwh_m[1]
-    """Width [m]."""
-    height_m: float = SIZES["car"].lidar_lwh_m[2]
-    """Height [m]."""
+    length_m: float = SIZES["car"].lidar_lwh_m[0]  # Length [m].
+    width_m: float = SIZES["car"].lidar_lwh_m[1]  # Width [m].
+    height_m: float = SIZES["car"].lidar_lwh_m[2]  # Height [m].
 
     def check(self, prefix: str) -> None:
         """Refuse sizes that no vehicle has; `prefix` is the dotted name of these parameters. Raises ConfigError naming

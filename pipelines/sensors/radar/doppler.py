@@ -66,16 +66,12 @@ class DopplerParams:
     """Velocities alias with this period [m/s]; 0: unambiguous; none: as the log's metadata say, else unambiguous."""
     ego_motion: Literal["included", "removed"] | None = None
     """Whether velocities hold the vehicle's own motion; none: as the log's metadata say, else they do."""
-    max_reverse_mps: float = 5.0
-    """Fastest backwards [m/s]."""
-    max_forward_mps: float = 45.0
-    """Fastest forwards [m/s]."""
-    max_sideways_mps: float = 1.6
-    """Fastest sideways [m/s], as at the front of a turning vehicle."""
+    max_reverse_mps: float = 5.0  # Fastest backwards [m/s].
+    max_forward_mps: float = 45.0  # Fastest forwards [m/s].
+    max_sideways_mps: float = 1.6  # Fastest sideways [m/s], as at the front of a turning vehicle.
     band_mps: float = 0.3
     """Echoes whose velocity differs by less [m/s] from that of stationary ones count as stationary in the fit."""
-    min_echoes: int = 10
-    """With fewer echoes the radar counts as standing."""
+    min_echoes: int = 10  # With fewer echoes the radar counts as standing.
 
     def __post_init__(self) -> None:
         if self.period_mps:
@@ -196,10 +192,8 @@ class UnmeasuredParams:
     """Share of the echoes of one scan [0 to 1], the strongest, that is clustered; those of unknown magnitude are."""
     least_kept: int = 200
     """So many of a scan's strongest echoes are clustered at least: sparse scans hold little that is weak."""
-    max_length_m: float = 15.0
-    """Longer clusters [m] are walls and hedges."""
-    max_width_m: float = 4.5
-    """Wider clusters [m] are buildings and trees."""
+    max_length_m: float = 15.0  # Longer clusters [m] are walls and hedges.
+    max_width_m: float = 4.5  # Wider clusters [m] are buildings and trees.
 
     def __post_init__(self) -> None:
         ranges = {

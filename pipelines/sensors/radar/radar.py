@@ -37,17 +37,13 @@ _SPREADING_FROM_M = 20.0  # See `RadarParams.full_score_within_m`; chosen on dev
 class RadarClusterParams:
     """Clustering of moving echoes, over x, y and velocity."""
 
-    method: str = "dbscan"
-    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
-    eps_m: float = 2.0
-    """Radius [m]."""
-    min_points: int = 5
-    """Echoes within the radius that make a core point, itself included."""
+    method: str = "dbscan"  # DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics.
+    eps_m: float = 2.0  # Radius [m].
+    min_points: int = 5  # Echoes within the radius that make a core point, itself included.
     adaptive_from_m: float | None = None
     """Beyond this distance from the body's origin [m] the radius grows in proportion to it; none: it is the same
     everywhere."""
-    seconds: float = 1.0
-    """A difference in radial velocity of 1 m/s counts as a distance of this many meters [s]."""
+    seconds: float = 1.0  # A difference in radial velocity of 1 m/s counts as a distance of this many meters [s].
 
     def __post_init__(self) -> None:
         ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "seconds": (0.0, 100.0)}
@@ -68,22 +64,17 @@ OWN = ("max_range_m", "min_magnitude_db", "doppler")
 class RadarParams:
     """Parameters of detection by radar."""
 
-    max_range_m: float = 60.0
-    """Farthest echoes [m] that are used."""
+    max_range_m: float = 60.0  # Farthest echoes [m] that are used.
     min_magnitude_db: float = -math.inf
     """Weaker echoes [dB or dBsm, as the sensor gives it] are left out; those of unknown magnitude stay."""
     min_speed_mps: float = 0.3
     """Slower echoes [m/s over ground] count as stationary: radar3d finds moving objects only."""
-    doppler: DopplerParams = field(default_factory=DopplerParams)
-    """How the ego motion is taken out of the velocities."""
-    cluster: RadarClusterParams = field(default_factory=RadarClusterParams)
-    """How echoes are grouped."""
+    doppler: DopplerParams = field(default_factory=DopplerParams)  # How the ego motion is taken out of the velocities.
+    cluster: RadarClusterParams = field(default_factory=RadarClusterParams)  # How echoes are grouped.
     unmeasured: UnmeasuredParams = field(default_factory=UnmeasuredParams)
     """What echoes of radars without Doppler must be like."""
-    size: VehicleSize = field(default_factory=VehicleSize)
-    """What clusters are completed to."""
-    full_score_echoes: float = 20.0
-    """A cluster of n echoes scores 1 - exp(-n / this)."""
+    size: VehicleSize = field(default_factory=VehicleSize)  # What clusters are completed to.
+    full_score_echoes: float = 20.0  # A cluster of n echoes scores 1 - exp(-n / this).
     full_score_within_m: float | None = None
     """Farther away [m] each echo counts as the square of the distance over this, as rays spread; none: 20 m in
     simulated logs, whose radars spread rays evenly, else an echo counts the same at any distance."""

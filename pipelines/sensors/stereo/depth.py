@@ -74,16 +74,11 @@ class DepthParams:
     Cells grow with depth as its error does, so that each holds about as much noise: dZ = Z^2 / (f B) dd.
     """
 
-    max_range_m: float = 40.0
-    """Farther depths [m] are left out, the sky with them."""
-    cell_px: int = 4
-    """Columns of a cell [px] of the shrunk image."""
-    cell_disparity_px: float = 0.5
-    """Its range of disparities [px]."""
-    cell_height_m: float = 0.25
-    """Its height [m]."""
-    min_pixels: int = 8
-    """Cells with fewer pixels are noise."""
+    max_range_m: float = 40.0  # Farther depths [m] are left out, the sky with them.
+    cell_px: int = 4  # Columns of a cell [px] of the shrunk image.
+    cell_disparity_px: float = 0.5  # Its range of disparities [px].
+    cell_height_m: float = 0.25  # Its height [m].
+    min_pixels: int = 8  # Cells with fewer pixels are noise.
 
     def __post_init__(self) -> None:
         ranges = {
@@ -120,20 +115,14 @@ class DisparityParams:
     """Images are made smaller by this factor before they are matched: 2 is about four times as fast as 1, and depth is
     half as exact.
     """
-    nearest_m: float = 3.0
-    """Nearer things [m] aren't found: the disparities that are searched end at f B / nearest_m."""
-    max_disparity_px: int = 192
-    """No larger disparities [px] are searched, however near `nearest_m` is."""
-    block_px: int = 5
-    """Edge of the blocks that are compared [px], odd."""
+    nearest_m: float = 3.0  # Nearer things [m] aren't found: the disparities that are searched end at f B / nearest_m.
+    max_disparity_px: int = 192  # No larger disparities [px] are searched, however near `nearest_m` is.
+    block_px: int = 5  # Edge of the blocks that are compared [px], odd.
     smoothness: tuple[int, int] = (8, 32)
     """Penalty on a step of one disparity, and on a larger one, in grey levels for each pixel of a block."""
-    uniqueness: int = 10
-    """By how much [%] the best match must be better than the second."""
-    left_right_px: int = 1
-    """By how much [px] matching from the right image may differ."""
-    speckle_px: int = 60
-    """Patches of like disparity with fewer pixels are dropped."""
+    uniqueness: int = 10  # By how much [%] the best match must be better than the second.
+    left_right_px: int = 1  # By how much [px] matching from the right image may differ.
+    speckle_px: int = 60  # Patches of like disparity with fewer pixels are dropped.
     texture: float = 1.0
     """Mean step between horizontal neighbors [grey levels] in a block twice as wide: flatter places, such as the sky,
     can't be matched.
@@ -206,8 +195,7 @@ class QualityParams:
 
     min_share: float = 0.62
     """Share of the pixels below the horizon that need a sure match [0 to 1]; with fewer, stereo is left out."""
-    texture: float = 1.2
-    """Sure matches have at least this texture [grey levels], see `disparity.texture`."""
+    texture: float = 1.2  # Sure matches have at least this texture [grey levels], see `disparity.texture`.
     mismatch: float = 0.8
     """Mean difference of the matched pixels around them, as a multiple of the texture: at most this. Divided by the
     texture, a difference in brightness is about the error of disparity [px] that it causes.

@@ -32,16 +32,11 @@ from fbench.replay.data.rig import Rig
 class StereoParams:
     """Parameters of depth by stereo."""
 
-    left: str | None = None
-    """Name of the left camera; none: that of the pair with the longest baseline."""
-    right: str | None = None
-    """Name of the right camera; none: see `left`."""
-    disparity: DisparityParams = field(default_factory=DisparityParams)
-    """How the images are matched."""
-    quality: QualityParams = field(default_factory=QualityParams)
-    """When depth is taken for noise."""
-    depth: DepthParams = field(default_factory=DepthParams)
-    """What depth becomes."""
+    left: str | None = None  # Name of the left camera; none: that of the pair with the longest baseline.
+    right: str | None = None  # Name of the right camera; none: see `left`.
+    disparity: DisparityParams = field(default_factory=DisparityParams)  # How the images are matched.
+    quality: QualityParams = field(default_factory=QualityParams)  # When depth is taken for noise.
+    depth: DepthParams = field(default_factory=DepthParams)  # What depth becomes.
 
 
 NOISE = "stereo depth is noise"  # Why stereo is left out of a frame whose images match too badly
@@ -67,8 +62,7 @@ class StereoStage:
     def __init__(self, rig: Rig, log_name: str, params: StereoParams) -> None:
         self._params = params
         self._sizes = {name: camera.size_wh for name, camera in rig.cameras.items()}
-        self.pair = choose_pair(rig, log_name, params.left, params.right)
-        """The cameras that are used."""
+        self.pair = choose_pair(rig, log_name, params.left, params.right)  # The cameras that are used
         self._how = rectifier(rig, self.pair, params.disparity.shrink)
         camera, self.eye_m = self._how.camera, self._how.body_T_camera[:2, 3]
         self._matcher = Matcher(float(camera.K[0, 0]), self._how.baseline_m, camera.size_wh[0], params.disparity)
@@ -134,16 +128,11 @@ class StereoShapeParams(CarShapeParams):
 class StereoClusterParams:
     """DBSCAN on what stands on the ground, seen from above, with radii that grow with range r."""
 
-    eps_m: float = 0.5
-    """Least radius along the line of sight [m]: it is eps_m + 2 r^2 / (f B) sigma_px."""
-    sigma_px: float = 0.1
-    """Error of disparity [px] of the shrunk image that is bridged; errors of neighbors are alike."""
-    eps_rad: float = 0.04
-    """Radius across the line of sight [rad]: 0.8 m at 20 m."""
-    min_points: int = 5
-    """Points within the radius that make a core point, itself included."""
-    max_height_m: float = 2.5
-    """Points higher above the ground [m] are left out."""
+    eps_m: float = 0.5  # Least radius along the line of sight [m]: it is eps_m + 2 r^2 / (f B) sigma_px.
+    sigma_px: float = 0.1  # Error of disparity [px] of the shrunk image that is bridged; errors of neighbors are alike.
+    eps_rad: float = 0.04  # Radius across the line of sight [rad]: 0.8 m at 20 m.
+    min_points: int = 5  # Points within the radius that make a core point, itself included.
+    max_height_m: float = 2.5  # Points higher above the ground [m] are left out.
 
     def __post_init__(self) -> None:
         ranges = {
@@ -157,16 +146,12 @@ class StereoClusterParams:
 class ObjectParams:
     """What becomes of the points."""
 
-    ground: StereoGroundParams = field(default_factory=StereoGroundParams)
-    """How the ground is found."""
-    cluster: StereoClusterParams = field(default_factory=StereoClusterParams)
-    """How points are grouped."""
+    ground: StereoGroundParams = field(default_factory=StereoGroundParams)  # How the ground is found.
+    cluster: StereoClusterParams = field(default_factory=StereoClusterParams)  # How points are grouped.
     least_top_m: tuple[float, float] = (1.0, 0.8)
     """Height of a cluster's highest point [m]: from the first on fine, below the second no vehicle but a barrier."""
-    size: VehicleSize = field(default_factory=VehicleSize)
-    """What partly seen vehicles are completed to."""
-    shape: StereoShapeParams = field(default_factory=StereoShapeParams)
-    """What a cluster must look like."""
+    size: VehicleSize = field(default_factory=VehicleSize)  # What partly seen vehicles are completed to.
+    shape: StereoShapeParams = field(default_factory=StereoShapeParams)  # What a cluster must look like.
 
     def __post_init__(self) -> None:
         self.size.check("objects.size")
