@@ -76,7 +76,7 @@ class Plain2D(TrackingPipeline[Boxes2D]):
         require("plain2d", ("camera",), rig, log_info)
         if not {"camera", "stereo"} & set(params.uses):
             require("plain2d", tuple(kind for kind in KINDS if kind in params.uses), rig, log_info)
-        self._rig, self._images = rig, rig.sensors("camera")
+        self._images = rig.sensors("camera")
         self._sensors.start(rig, log_info)
         if not with_points and not self._sensors.cameras.used:
             raise ConfigError(
@@ -85,7 +85,7 @@ class Plain2D(TrackingPipeline[Boxes2D]):
         for name in self._images if with_points else ():
             require_projection(rig, name)
         self.missing = self._sensors.cameras.missing
-        self.reset("start")
+        super().start(rig, log_info)
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""

@@ -76,11 +76,10 @@ class Plain3D(TrackingPipeline[Boxes3D]):
         uses = self._params.uses
         if "stereo" not in uses:
             require("plain3d", tuple(kind for kind in KINDS if kind in uses), rig, log_info)
-        self._rig = rig
         self._sensors.start(rig, log_info)
         self._sensors.cameras.require_projections()
         self.missing = self._sensors.cameras.missing
-        self.reset("start")
+        super().start(rig, log_info)
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""

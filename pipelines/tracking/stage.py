@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Generic
+from typing import Generic, Protocol
 
 from fbench.pipelines.sensors.points.merged import world_T_body
 from fbench.pipelines.tracking.tracker3d import Tracker3D
@@ -59,6 +59,13 @@ def predict_output(
     return Output(tracks, tracks, clock.stage_ns, faults, missing)
 
 
+class Memory(Protocol):
+    """What remembers something of earlier frames."""
+
+    def reset(self) -> None:
+        """Forget it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Detected(Generic[B]):
     """Detections of one frame."""
@@ -81,17 +88,23 @@ class TrackingPipeline(ABC, Generic[B]):
 
     def __init__(self, tracker: Tracker[B], detect_every: int) -> None:
         self._tracker, self._interval = tracker, DetectionInterval(detect_every)
+        self._remember()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take the sensors of the rig. Raises ConfigError where what the parameters ask for isn't there. Raises
         LogError where the rig lacks sensors that the pipeline needs, or a camera that can be projected into.
         """
         self._rig = rig
+        self.reset("start")
+
+    def _remember(self, *parts: Memory) -> None:
+        """Name the sensors and fusion that remember something of earlier frames of a segment."""
+        self._memories: tuple[Memory, ...] = (self._tracker, self._interval, *parts)
 
     def reset(self, reason: str) -> None:
         """Begin a segment: end all tracks, and forget what sensors and fusion remember of earlier frames."""
-        self._tracker.reset()
-        self._interval.reset()
+        for part in self._memories:
+            part.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect and track; what a missing sensor would have given isn't there, as with a corrupt image."""

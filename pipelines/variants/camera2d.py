@@ -55,7 +55,7 @@ class Camera2D(TrackingPipeline[Boxes2D]):
                 "--set camera.weights=deimv2-femto (or the path of an ONNX file)"
             )
         self.missing = self._cameras.missing
-        self.reset("start")
+        super().start(rig, log_info)
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""

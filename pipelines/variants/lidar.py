@@ -63,14 +63,10 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
         """
         require("lidar2d", ("lidar",), rig, log_info)
         cameras = projectable("lidar2d", rig, log_info)
-        self._points = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
-        self._lidar = LidarInImages(rig, cameras, self._points, self._params.lidar_image)
-        self.reset("start")
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, and how the ground lies."""
-        super().reset(reason)
-        self._points.reset()
+        points = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
+        self._lidar = LidarInImages(rig, cameras, points, self._params.lidar_image)
+        self._remember(points)
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         return Detected(drop_labels(self._lidar.view(frame, clock).seen, self._params.min_score))
@@ -86,14 +82,9 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs of the rig. Raises LogError where it has none."""
         require("lidar3d", ("lidar",), rig, log_info)
-        self._rig = rig
         self._lidar = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
-        self.reset("start")
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, and how the ground lies."""
-        super().reset(reason)
-        self._lidar.reset()
+        self._remember(self._lidar)
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         boxes = self._lidar.view(frame, clock).boxes

@@ -66,7 +66,7 @@ class Radar2D(TrackingPipeline[Boxes2D]):
         cameras, params = projectable("radar2d", rig, log_info), self._params
         echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))
         self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
-        self.reset("start")
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         return Detected(drop_labels(self._radar.view(frame, clock).seen, self._params.min_score))
@@ -82,9 +82,8 @@ class Radar3D(TrackingPipeline[Boxes3D]):
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all radars of the rig. Raises LogError where it has none."""
         require("radar3d", ("radar",), rig, log_info)
-        self._rig = rig
         self._radar = RadarStage(rig, log_info, self._params.radar, SensorSettings(self._params, rig))
-        self.reset("start")
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         return Detected(report_boxes(self._radar.view(frame, clock).boxes, self._params.min_score, Source.R))

@@ -37,9 +37,8 @@ class Stereo3D(TrackingPipeline[Boxes3D]):
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take the pair that is named, or the one with the longest baseline."""
-        self._rig = rig
         self._stereo = StereoStage(rig, log_info.name, self._params.stereo)
-        self.reset("start")
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         faults, pair = list[Fault](), self._stereo.pair
