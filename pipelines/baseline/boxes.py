@@ -1,7 +1,7 @@
 """Points, axis-aligned boxes around clusters of them, and boxes merged with those of cameras."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from fbench.pipelines.baseline.params import PlainClusterParams, PlainCropParams, PlainImageParams, PlainSizeParams
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.dbscan import dbscan
+from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.rig import Rig
@@ -17,7 +18,7 @@ from fbench.replay.geometry.camera import in_image, project_body, project_boxes
 
 
 @dataclass(frozen=True, eq=False)
-class Extents:
+class Extents(Rows):
     """N boxes."""
 
     low: Float64  # (N, 3) in body coordinates [m], or (N, 2) in an image [px]
@@ -28,13 +29,6 @@ class Extents:
     label: Text  # (N,) of a camera; empty where unknown
     score: Float64  # (N,) 0 to 1: a camera's, and 1 for clusters, of which the thesis knows no score
     sources: Array  # (N,) uint8, bits of `Source`
-
-    def __len__(self) -> int:
-        return len(self.low)
-
-    def __getitem__(self, rows: Array | slice) -> "Extents":
-        """Select rows by mask, index array or slice."""
-        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
 def make_extents(low: Float64, high: Float64, source: int | Array, **known: Any) -> Extents:
@@ -51,11 +45,6 @@ def no_extents(num_axes: int) -> Extents:
     return make_extents(np.zeros((0, num_axes)), np.zeros((0, num_axes)), 0)
 
 
-def join_extents(parts: Sequence[Extents]) -> Extents:
-    """Put boxes one after the other."""
-    return Extents(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Extents)})
-
-
 def iou(a: Extents, b: Extents) -> Float64:
     """Intersection over union (N, M): of areas in an image, of volumes in space; 0 where both are empty."""
     low = np.maximum(a.low[:, None], b.low[None])
@@ -68,17 +57,13 @@ def iou(a: Extents, b: Extents) -> Float64:
 
 
 @dataclass(frozen=True, eq=False)
-class PlainCloud:
+class PlainCloud(Rows):
     """Points of one sensor, or of several."""
 
     xyz: Float64  # (N, 3) [m] in body coordinates
     range_rate_mps: Float64
     """(N,) radial velocity as measured [m/s], positive when receding; NaN where the sensor gives none."""
     source: Array  # (N,) uint8, bits of `Source`
-
-    def __getitem__(self, rows: Array) -> "PlainCloud":
-        """Select rows by mask or index array."""
-        return PlainCloud(self.xyz[rows], self.range_rate_mps[rows], self.source[rows])
 
 
 def make_cloud(xyz: Float64, source: int, range_rate_mps: Float64 | None = None) -> PlainCloud:
@@ -88,9 +73,8 @@ def make_cloud(xyz: Float64, source: int, range_rate_mps: Float64 | None = None)
 
 
 def join_clouds(clouds: list[PlainCloud]) -> PlainCloud:
-    """Put the points of several clouds into one."""
-    columns = ([getattr(c, name) for c in clouds] for name in ("xyz", "range_rate_mps", "source"))
-    return PlainCloud(*(np.concatenate(column) for column in columns)) if clouds else make_cloud(np.zeros((0, 3)), 0)
+    """Put the points of several clouds, or of none, into one."""
+    return PlainCloud.join(clouds) if clouds else make_cloud(np.zeros((0, 3)), 0)
 
 
 def crop(points: PlainCloud, params: PlainCropParams) -> PlainCloud:
@@ -124,7 +108,21 @@ def box_clusters(
         label: (number of clusters,) of each cluster; `None`: there are none.
     """
     rows = members(cluster)
-    kept = [number for number, own in enumerate(rows) if _may_be_vehicle(points.xyz[own], params)]
+
+    def may_be_vehicle(xyz: Float64) -> bool:
+        if len(xyz) < params.least_points:
+            return False
+        x, y, height = np.ptp(xyz, axis=0)
+        is_long = params.least_extent_m <= max(x, y) <= params.most_extent_m
+        is_high = params.least_height_m <= height <= params.most_height_m
+        return bool(is_long and is_high and min(x, y) <= params.most_width_m)
+
+    def mean_rate(range_rate_mps: Float64) -> float:
+        # In ascending order, so that rounding doesn't depend on that of the points.
+        known = np.sort(range_rate_mps[np.isfinite(range_rate_mps)])
+        return float(known.mean()) if len(known) else np.nan
+
+    kept = [number for number, own in enumerate(rows) if may_be_vehicle(points.xyz[own])]
     if not kept:
         return no_extents(places.shape[1])
     rows = [rows[number] for number in kept]
@@ -135,7 +133,7 @@ def box_clusters(
         high,
         np.array([np.bitwise_or.reduce(points.source[own]) for own in rows]),
         distance_m=np.sqrt(np.square(middle).sum(axis=1)),
-        range_rate_mps=np.array([_mean_rate(points.range_rate_mps[own]) for own in rows]),
+        range_rate_mps=np.array([mean_rate(points.range_rate_mps[own]) for own in rows]),
         **({} if label is None else {"label": label[kept]}),
     )
 
@@ -145,22 +143,6 @@ def members(cluster: Int64) -> list[Int64]:
     order = np.argsort(cluster, kind="stable")
     bounds = np.searchsorted(cluster[order], np.arange(int(cluster.max(initial=-1)) + 2))
     return [order[start:end] for start, end in pairwise(bounds)]
-
-
-def _may_be_vehicle(xyz: Float64, params: PlainSizeParams) -> bool:
-    if len(xyz) < params.least_points:
-        return False
-    x, y, height = np.ptp(xyz, axis=0)
-    length, width = max(x, y), min(x, y)
-    is_long = params.least_extent_m <= length <= params.most_extent_m
-    is_high = params.least_height_m <= height <= params.most_height_m
-    return bool(is_long and is_high and width <= params.most_width_m)
-
-
-def _mean_rate(range_rate_mps: Float64) -> float:
-    """Mean of the known ones, in ascending order, so that rounding doesn't depend on that of the points."""
-    known = np.sort(range_rate_mps[np.isfinite(range_rate_mps)])
-    return float(known.mean()) if len(known) else np.nan
 
 
 UNKNOWN = "car"  # Label of what no camera names: vehicles count as one class for sensors without classes
@@ -251,12 +233,12 @@ def merge_boxes(parts: Sequence[Extents], min_iou: float) -> Extents:
     result = parts[0]
     for part in parts[1:]:
         if not len(result) or not len(part):
-            result = join_extents([result, part])
+            result = Extents.join([result, part])
             continue
         overlap = iou(part, result)
         partner = np.argmax(overlap, axis=1)
         joins = overlap[np.arange(len(part)), partner] >= min_iou
-        result = join_extents([_complete(result, part[joins], partner[joins]), part[~joins]])
+        result = Extents.join([_complete(result, part[joins], partner[joins]), part[~joins]])
     return result
 
 

@@ -84,14 +84,11 @@ class PlainFusionParams(CheckedParams, prefix="fusion"):
     """With early fusion in 3D: a cluster gets a camera's label where at least this share of its points carries one."""
 
 
-RADAR = PlainClusterParams(eps_m=1.5, min_points=4)  # Large radius and few points for radar, as the thesis says
-RADAR_IMAGE = PlainImageParams(eps_px=25.0, min_points=4, depth_px_per_m=15.0)
-MORE_POINTS = PlainSizeParams(least_points=8)  # Of clusters of radar, and of a merged cloud
-
-
-def radar_params() -> PlainSensorParams:
-    """Parameters for clusters of radar in space."""
-    return PlainSensorParams(cluster=RADAR, size=MORE_POINTS)
+# Large radius and few points for radar, as the thesis says; more points of its clusters.
+RADAR = PlainSensorParams(cluster=PlainClusterParams(eps_m=1.5, min_points=4), size=PlainSizeParams(least_points=8))
+RADAR_IMAGES = PlainImageSensorParams(
+    cluster=RADAR.cluster, size=RADAR.size, image=PlainImageParams(eps_px=25.0, min_points=4, depth_px_per_m=15.0)
+)
 
 
 @dataclass(frozen=True)
@@ -102,7 +99,7 @@ class PlainParams(CheckedParams):
     strategy: Strategy = "late"  # `early`: points of all sensors are merged; `late`: boxes of each.
     camera: CameraParams = field(default_factory=CameraParams)  # Detection by camera.
     lidar: PlainSensorParams = field(default_factory=PlainSensorParams)  # Points of LiDARs.
-    radar: PlainSensorParams = field(default_factory=radar_params)  # Points of radars.
+    radar: PlainSensorParams = RADAR  # Points of radars.
     stereo: PlainSensorParams = field(default_factory=PlainSensorParams)  # Points of stereo.
     depth: StereoParams = field(default_factory=StereoParams)  # How stereo gives depth.
     fusion: PlainFusionParams = field(default_factory=PlainFusionParams)  # How boxes of several sensors become one.

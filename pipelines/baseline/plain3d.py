@@ -5,24 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.baseline.boxes import (
-    UNKNOWN,
-    Extents,
-    PlainCloud,
-    add_camera,
-    box_clusters,
-    cluster_in_space,
-    cluster_labels,
-    join_clouds,
-    label_boxes,
-    label_points,
-    merge_boxes,
-    no_extents,
-    to_solid,
-)
+from fbench.pipelines.baseline import boxes
+from fbench.pipelines.baseline.boxes import Extents, PlainCloud
 from fbench.pipelines.baseline.observations import KINDS, PlainSensors
 from fbench.pipelines.baseline.params import (
-    MORE_POINTS,
+    RADAR,
     PlainClusterParams,
     PlainParams,
     PlainSensor,
@@ -53,7 +40,7 @@ class Plain3DParams(PlainParams):
     """
     cluster: PlainClusterParams = field(default_factory=PlainClusterParams)
     """With `early`: how the points of all are grouped."""
-    size: PlainSizeParams = field(default_factory=lambda: MORE_POINTS)  # With `early`: which clusters are dropped.
+    size: PlainSizeParams = RADAR.size  # With `early`: which clusters are dropped.
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
 
     def __post_init__(self) -> None:
@@ -88,33 +75,36 @@ class Plain3D(TrackingPipeline[Boxes3D]):
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         seen = self._sensors.view(frame, clock)
         find = self._early if self._params.strategy == "early" else self._late
-        return Detected(self._to_boxes(find(seen.clouds, seen.cameras, clock)), seen.faults, seen.missing)
+        found = find(seen.clouds, seen.cameras, clock)
+        result = replace(
+            boxes.to_solid(found),
+            label=np.where(found.label == "", boxes.UNKNOWN, found.label) if self._sensors.with_camera else None,
+            score=found.score,
+            sources=found.sources,
+            velocity_mps=np.full((len(found), 3), np.nan),
+        )
+        return Detected(result, seen.faults, seen.missing)
 
     def _early(
         self, clouds: Mapping[PlainSensor, PlainCloud], cameras: Mapping[str, CameraDetections], clock: StageClock
     ) -> Extents:
-        params, points = self._params, join_clouds(list(clouds.values()))
+        params, points = self._params, boxes.join_clouds(list(clouds.values()))
         with clock.stage("fuse"):
-            cluster = cluster_in_space(points, params.cluster)
-            label = cluster_labels(cluster, label_points(points.xyz, self._rig, cameras), params.fusion.label_share)
-            found = box_clusters(points, cluster, points.xyz, params.size, label)
-            return replace(found, sources=add_camera(found.sources, found.label))
+            cluster = boxes.cluster_in_space(points, params.cluster)
+            names = boxes.label_points(points.xyz, self._rig, cameras)
+            label = boxes.cluster_labels(cluster, names, params.fusion.label_share)
+            found = boxes.box_clusters(points, cluster, points.xyz, params.size, label)
+            return replace(found, sources=boxes.add_camera(found.sources, found.label))
 
     def _late(
         self, clouds: Mapping[PlainSensor, PlainCloud], cameras: Mapping[str, CameraDetections], clock: StageClock
     ) -> Extents:
-        parts = [no_extents(3)]
+        parts = [boxes.no_extents(3)]
         for kind, points in clouds.items():
             own = getattr(self._params, kind)
             with clock.stage(f"detect.{kind}"):
-                parts.append(box_clusters(points, cluster_in_space(points, own.cluster), points.xyz, own.size))
+                cluster = boxes.cluster_in_space(points, own.cluster)
+                parts.append(boxes.box_clusters(points, cluster, points.xyz, own.size))
         with clock.stage("fuse"):
             min_iou = self._params.fusion.min_iou
-            return label_boxes(merge_boxes(parts, min_iou), self._rig, cameras, min_iou)
-
-    def _to_boxes(self, found: Extents) -> Boxes3D:
-        label = np.where(found.label == "", UNKNOWN, found.label) if self._sensors.with_camera else None
-        return replace(
-            to_solid(found), label=label, score=found.score, sources=found.sources,
-            velocity_mps=np.full((len(found), 3), np.nan),
-        )  # fmt: skip
+            return boxes.label_boxes(boxes.merge_boxes(parts, min_iou), self._rig, cameras, min_iou)

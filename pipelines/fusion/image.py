@@ -239,7 +239,7 @@ def _free_points(view: ImageView, kind: Source, groups: list[Int64]) -> Points:
     """Points that no object has: those of no cluster, or of one that is a group by itself, but not of large things."""
     alone = [rows[0] for rows in groups if len(rows) == 1 and view.seen.source[rows[0]] == int(kind)]
     points = view.points[kind]
-    return points.rows((points.cluster < 0) | np.isin(points.cluster, view.seen.spot[np.array(alone, np.int64)]))
+    return points[(points.cluster < 0) | np.isin(points.cluster, view.seen.spot[np.array(alone, np.int64)])]
 
 
 def _object(

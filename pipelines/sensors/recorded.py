@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError, LogError
-from fbench.replay.contracts.params import require_between
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.contracts.protocols import BoxReader
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
@@ -196,17 +196,14 @@ class PosesAlongside:
 
 
 @dataclass(frozen=True)
-class Which:
+class Which(CheckedParams):
     """Which results, and how they belong to frames: parameters of pipelines that take them."""
 
     topic: str = ""
     """Topic with the results; empty: the file that was named beside the log, else the only topic with results."""
-    tolerance_ms: float = 50.0  # A result belongs to the nearest frame whose stamp differs by no more than this [ms].
-    offset_ms: float = 0.0  # What the results' stamps are ahead of those of their frames [ms].
-
-    def __post_init__(self) -> None:
-        require_between("tolerance_ms", self.tolerance_ms, 0.0)
-        require_between("offset_ms", self.offset_ms, -1e6)
+    tolerance_ms: float = bounded(50.0, 0)
+    """A result belongs to the nearest frame whose stamp differs by no more than this [ms]."""
+    offset_ms: float = bounded(0.0, -1e6)  # What the results' stamps are ahead of those of their frames [ms].
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarParams, Obstacles, obstacles
 from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.sensors.points.merged import lidar_position
+from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.radar import Compensated
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoParams, StereoStage
 from fbench.replay.contracts.errors import LogError
@@ -125,10 +125,13 @@ class DepthStage:
     ) -> None:
         self._lidar = LidarStage(rig, log_info, params, settings)
         self._stereo, self._params = stereo, ObjectParams()
-        self.eye_m = _eye(rig, stereo)  # (2,) from where the cloud is seen [m]
+        has_lidar = bool(rig.sensors("lidar"))
+        own = viewpoint(rig, "lidar" if has_lidar else "radar")
+        self.eye_m = np.asarray(own if has_lidar or stereo is None else stereo.eye_m, np.float64)
+        """(2,) from where the cloud is seen [m]."""
         self.shapes = replace(params, judge=params.judge or "model")
         """How shapes are classified: those of stereo by rules."""
-        if not rig.sensors("lidar"):
+        if not has_lidar:
             self.shapes = replace(params, judge="rules", shape=self._params.shape)
         self.reset()
 
@@ -149,14 +152,6 @@ class DepthStage:
                 stereo = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else stereo
         self._plane = lidar.plane or stereo.plane or self._plane
         return DepthView(lidar, stereo, self._plane, noisy)
-
-
-def _eye(rig: Rig, stereo: StereoStage | None) -> Float64:
-    if rig.sensors("lidar"):
-        return lidar_position(rig)
-    if stereo is not None:
-        return np.asarray(stereo.eye_m, np.float64)
-    return np.asarray(np.mean([rig.body_T_sensor(name)[:2, 3] for name in rig.sensors("radar")], axis=0), np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,11 @@ from fbench.pipelines.fusion.observations import CameraObservation, Clusters, ob
 from fbench.pipelines.fusion.reliability import SensorReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.radar import RadarView
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, Source
-from fbench.replay.data.rig import Kind, Rig
+from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.iou import iou_bev
 
@@ -102,8 +103,8 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
         lidar=sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes),
         radar=of_radar,
         plane=lidar.plane,
-        lidar_eye_m=_eye(rig, "lidar"),
-        radar_eye_m=_eye(rig, "radar"),
+        lidar_eye_m=viewpoint(rig, "lidar"),
+        radar_eye_m=viewpoint(rig, "radar"),
         standing_m=_standing_distances(rig, cameras, of_radar.loose),
     )
 
@@ -165,12 +166,6 @@ def _standing_distance(s: CameraObservation, u_px: Float64, reach_m: Float64) ->
     begin = int(np.argmax((stop - np.arange(len(distance))) * likelihood))
     num = int(stop[begin]) - begin
     return float(distance[begin + num // 10]) if num > _FEWEST else float("nan")
-
-
-def _eye(rig: Rig, kind: Kind) -> Float64:
-    """Where the sensors of a kind look from (2,) [m]: the middle between them."""
-    places = [rig.body_T_sensor(name)[:2, 3] for name in rig.sensors(kind)]
-    return np.asarray(np.mean(places, axis=0), np.float64) if places else np.zeros(2)
 
 
 def _may_exist(group: Association, seen: Observations, params: FusionParams) -> bool:

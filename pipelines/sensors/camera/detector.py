@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from fbench.pipelines.models.weights import AUTO, Weights, resolve
-from fbench.pipelines.sensors.camera.layouts import SIDE_PX, Candidates, Size, join
+from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Candidates, Size
 from fbench.pipelines.sensors.camera.model import Batch, Model
 from fbench.replay.contracts.errors import ConfigError, ModelError
-from fbench.replay.contracts.params import require_between
+from fbench.replay.contracts.params import CheckedParams, bounded, require_between
 from fbench.replay.data.arrays import Float64, Text, freeze_fields
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.images import Pixels
@@ -83,7 +83,7 @@ def to_image(boxes: Candidates, window: Window, size_wh: Size, margin_px: float 
     clipped = boxes.clip((right - left, bottom - top))
     gap = np.abs(clipped.xyxy - np.array([0.0, 0.0, right - left, bottom - top]))
     whole = ~((gap < margin_px) & inner).any(axis=1)
-    return clipped.rows(whole).move((1.0, 1.0), (float(left), float(top)))
+    return clipped[whole].move((1.0, 1.0), (float(left), float(top)))
 
 
 def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates:
@@ -94,8 +94,7 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
 
     All vehicles are one group, since one object can come back as bus and as truck; others are groups by label.
     """
-    boxes = join(parts).sort()
-    boxes = boxes.rows(np.arange(min(len(boxes), MAX_BOXES)))
+    boxes = Candidates.join([*parts, NO_CANDIDATES]).sort()[:MAX_BOXES]
     group = np.where(np.isin(boxes.label, VEHICLES), "vehicle", boxes.label)
     rivals = (iou_2d(boxes.xyxy, boxes.xyxy) > iou) | (_containment(boxes.xyxy) > containment)
     rivals &= group[:, None] == group[None, :]
@@ -103,7 +102,7 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
     for i in range(len(boxes)):
         if alive[i]:
             alive[i + 1 :] &= ~rivals[i, i + 1 :]
-    return boxes.rows(alive)
+    return boxes[alive]
 
 
 def _containment(xyxy: Float64) -> Float64:
@@ -120,37 +119,33 @@ _THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
 
 
 @dataclass(frozen=True)
-class CameraParams:
+class CameraParams(CheckedParams, prefix="camera"):
     """Parameters of the camera detector."""
 
     weights: Weights = AUTO
     """An ONNX file, or a name of `fbench weights list`; `auto` is fbench's own on simulated logs, and on others none;
     with `none` the camera isn't used.
     """
-    min_score: float | None = None
+    min_score: float | None = bounded(None, 0, 1)
     """Boxes with a lower score are dropped. Unless set, this and the next two are what the weights' metadata say under
     these names, else 0.6, 0.5 and 0.9.
     """
-    nms_iou: float | None = None
+    nms_iou: float | None = bounded(None, 0, 1)
     """Of two boxes of one group that overlap more than this, the one with the higher score stays."""
-    nms_containment: float | None = None  # The same for a box of which more than this share lies inside the other.
+    nms_containment: float | None = bounded(None, 0, 1)
+    """The same for a box of which more than this share lies inside the other."""
     tiles: bool = True
     """Look also at overlapping windows of very wide or tall images, since far objects vanish when these are shrunk."""
-    tile_aspect: float = 2.0
+    tile_aspect: float = bounded(2.0, 1)
     """Longer by shorter side of such a window; images up to this aspect are looked at as a whole only."""
-    tile_overlap: float = 0.1  # Least share of a window by which neighbors overlap.
+    tile_overlap: float = bounded(0.1, 0, 0.9)  # Least share of a window by which neighbors overlap.
     input_wh: tuple[int, int] | None = None
     """Width and height of the model's input [px], for models that leave it free."""
-    threads: int = 2
+    threads: int = bounded(2, 1)
     """Threads of onnxruntime at most, and no more than there are processors; results are the same for any number."""
 
     def __post_init__(self) -> None:
-        for name in _THRESHOLDS:
-            if getattr(self, name) is not None:
-                require_between(f"camera.{name}", getattr(self, name), 0.0, 1.0)
-        require_between("camera.tile_aspect", self.tile_aspect, 1.0)
-        require_between("camera.tile_overlap", self.tile_overlap, 0.0, 0.9)
-        require_between("camera.threads", self.threads, 1)
+        super().__post_init__()
         for side in self.input_wh or ():
             require_between("camera.input_wh", side, *SIDE_PX)
         object.__setattr__(self, "weights", resolve(self.weights))

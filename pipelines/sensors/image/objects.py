@@ -16,6 +16,7 @@ from fbench.pipelines.sensors.points.grid import lexicographic_order, median
 from fbench.pipelines.sensors.points.ground import Plane, fit_plane, height_above_ground, lowest_points, surroundings
 from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fading, fit_rectangles
 from fbench.pipelines.sensors.radar.radar import Compensated, median_rate
+from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import project_body
@@ -38,7 +39,7 @@ class Cloud:
     own_mps: Float64  # (N,) the sensor's own velocity towards the points [m/s]; NaN where that isn't known
     period_mps: Float64  # (N,) velocities alias with this period [m/s]; 0: unambiguous
 
-    def rows(self, rows: Array) -> "Cloud":
+    def __getitem__(self, rows: Array) -> "Cloud":
         """Select points by mask or index array."""
         at = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
         return Cloud(
@@ -84,13 +85,7 @@ def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: floa
         plane, xyz, height, xyz[tall], viewpoint, np.abs(rate) >= min_speed_mps, rate, echoes.own_mps[order],
         echoes.period_mps[order],
     )  # fmt: skip
-    return whole.rows(near & (height > params.ground.tolerance_m) & (height < params.max_height_m))
-
-
-def viewpoint(rig: Rig, kind: str) -> Float64:
-    """Where the sensors of a kind look from, (2,) [m] in body coordinates: the middle between them."""
-    places = [rig.body_T_sensor(name)[:2, 3] for name, mount in sorted(rig.mounts.items()) if mount.kind == kind]
-    return np.mean(places, axis=0) if places else np.zeros(2)
+    return whole[near & (height > params.ground.tolerance_m) & (height < params.max_height_m)]
 
 
 _HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 3.0))
@@ -211,7 +206,7 @@ _BESIDE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class Points(Rows):
     """Points of a cloud as one camera sees them, those of a cluster one after another, those of none first."""
 
     uv_px: Float64  # (N, 2) [px], in the image or beside it
@@ -219,13 +214,9 @@ class Points:
     cluster: Int64  # (N,) number of the cluster, a row of `Spots`; -1: none
     cloud: Cloud  # The same points (N) in space
 
-    def rows(self, rows: Array) -> "Points":
-        """Select points by mask or index array."""
-        return Points(self.uv_px[rows], self.depth_m[rows], self.cluster[rows], self.cloud.rows(rows))
-
 
 @dataclass(frozen=True, eq=False)
-class Spots:
+class Spots(Rows):
     """M objects in one image."""
 
     xyxy_px: Float64  # (M, 4) left, top, right, bottom [px]; NaN where nothing of it is in the image
@@ -236,20 +227,10 @@ class Spots:
     rate_mps: Float64  # (M,) change of its distance [m/s], positive when receding; NaN where unknown
     num_points: Int64  # (M,)
 
-    def __len__(self) -> int:
-        return len(self.score)
-
     @property
     def distance_m(self) -> Float64:
         """(M,) from the body's origin to the middle [m]."""
         return np.asarray(np.sqrt((self.center_m**2).sum(axis=1)), np.float64)
-
-    def rows(self, rows: Array) -> "Spots":
-        """Select objects by mask or index array."""
-        return Spots(
-            self.xyxy_px[rows], self.score[rows], self.center_m[rows], self.size_lwh_m[rows], self.depth_m[rows],
-            self.rate_mps[rows], self.num_points[rows],
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -266,12 +247,6 @@ def focal_scale(camera: CameraModel) -> float:
     return float(camera.K[0, 0]) / FOCAL_PX
 
 
-def no_spots() -> Spots:
-    """Return no objects."""
-    none = np.zeros(0)
-    return Spots(np.zeros((0, 4)), none, np.zeros((0, 3)), np.zeros((0, 3)), none, none, np.zeros(0, np.int64))
-
-
 def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Points, Spots]:
     """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters.
 
@@ -280,8 +255,9 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Poin
     points = _project(rig, camera, cloud, params)
     member = points.cluster >= 0
     if not member.any() or cloud.plane is None:
-        return points, no_spots()
-    groups = Groups.of(points.cloud.rows(member), points.cluster[member])
+        none, places = np.zeros(0), np.zeros((0, 3))
+        return points, Spots(np.zeros((0, 4)), none, places, places, none, none, np.zeros(0, np.int64))
+    groups = Groups.of(points.cloud[member], points.cluster[member])
     margin = params.margin_px * focal_scale(rig.cameras[camera])
     whole = footprints(groups)
     depth = np.minimum.reduceat(points.depth_m[member], groups.first[:-1])
@@ -305,13 +281,13 @@ def _project(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Points:
     low, high = -_BESIDE * size, (1 + _BESIDE) * size
     u, v = uv.T
     seen = np.flatnonzero((u > low[0]) & (u < high[0]) & (v > low[1]) & (v < high[1]))  # NaN isn't
-    cloud, uv, depth = cloud.rows(seen), uv.take(seen, axis=0), depth.take(seen)
+    cloud, uv, depth = cloud[seen], uv.take(seen, axis=0), depth.take(seen)
     cluster, scaled = np.full(len(uv), -1), uv / focal_scale(model)
     for part in (cloud.moves, ~cloud.moves):
         found = cluster_in_image(scaled[part], depth[part], params.cluster)
         cluster[part] = np.where(found < 0, -1, found + cluster.max(initial=-1) + 1)
     order = np.argsort(cluster, kind="stable")
-    return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud.rows(order))
+    return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud[order])
 
 
 def _rates(groups: Groups) -> Float64:

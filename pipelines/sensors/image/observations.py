@@ -9,6 +9,7 @@ from fbench.pipelines.fusion.reliability import log_odds
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Spots
+from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.rig import CameraModel, Rig
@@ -33,7 +34,7 @@ _MEASURED_STD, _MEASURED_STD_M = 0.04, 1.2  # Error of measured depths, as a sha
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class Sightings(Rows):
     """N boxes in one image, of one or several kinds of sensors."""
 
     source: Array  # (N,) uint8, one bit of `Source`
@@ -50,28 +51,14 @@ class Sightings:
     spot: Int64  # (N,) row of the `Spots` that it is; -1: none
     upright: Bool  # (N,) whether its upper and lower edge are known; sparse radars don't tell heights
 
-    def __len__(self) -> int:
-        return len(self.score)
-
-    def rows(self, rows: Array) -> "Sightings":
-        """Select boxes by mask or index array."""
-        return Sightings(*(column[rows] for column in self._columns))
-
     def sort(self) -> "Sightings":
         """Sort by source, falling score, then place, so that the order in which they are given never matters."""
-        return self.rows(np.lexsort((*self.xyxy_px.T[::-1], -self.score, self.source)))
+        return self[np.lexsort((*self.xyxy_px.T[::-1], -self.score, self.source))]
 
     @property
     def weak(self) -> Bool:
         """(N,) boxes of cameras that count only where another sensor confirms them."""
         return np.asarray((self.source == int(Source.C)) & (self.score < SURE), np.bool_)
-
-    @property
-    def _columns(self) -> tuple[Array, ...]:
-        return (
-            self.source, self.xyxy_px, self.score, self.label, self.depth_m, self.depth_std, self.distance_m,
-            self.rate_mps, self.spot, self.upright,
-        )  # fmt: skip
 
     @classmethod
     def none(cls) -> "Sightings":
@@ -85,8 +72,7 @@ class Sightings:
     @classmethod
     def join(cls, parts: Sequence["Sightings"]) -> "Sightings":
         """Put several into one, in order."""
-        columns = zip(*(part._columns for part in (*parts, cls.none())), strict=True)
-        return cls(*(np.concatenate(column) for column in columns)).sort()
+        return super().join([*parts, cls.none()]).sort()
 
 
 def by_camera(found: CameraDetections, camera: CameraModel) -> Sightings:
@@ -109,7 +95,7 @@ def by_camera(found: CameraDetections, camera: CameraModel) -> Sightings:
 def by_points(spots: Spots, source: Source) -> Sightings:
     """What LiDARs or radars see in the image."""
     rows = np.flatnonzero(np.isfinite(spots.xyxy_px).all(axis=1) & (spots.score > 0))
-    spots = spots.rows(rows)
+    spots = spots[rows]
     label = np.where(spots.size_lwh_m[:, 0] > LONG_M, "truck", "car")
     sources = np.full(len(spots), int(source), np.uint8)
     std = _compute_std(spots.depth_m)

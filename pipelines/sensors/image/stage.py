@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.sensors.image.objects import Points, SpotParams, of_lidar, of_radar, spots, viewpoint
+from fbench.pipelines.sensors.image.objects import Points, SpotParams, of_lidar, of_radar, spots
 from fbench.pipelines.sensors.image.observations import Sightings, by_boxes, by_points
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
 from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.points.grid import lexicographic_order
+from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar import radar
 from fbench.pipelines.sensors.radar.radar import Compensated, RadarParams, RadarStage, RadarView
 from fbench.replay.contracts.errors import LogError
@@ -42,7 +43,7 @@ def _reason(rig: Rig, name: str) -> str | None:
 
 def drop_labels(seen: Mapping[str, Sightings], min_score: float) -> Boxes2D:
     """Boxes by camera with at least `min_score`, of each the highest first; the same fields in every frame."""
-    parts = [_boxes(name, one.rows(one.score >= min_score)) for name, one in sorted(seen.items())]
+    parts = [_boxes(name, one[one.score >= min_score]) for name, one in sorted(seen.items())]
     return concatenate([*parts, _boxes("", Sightings.none())])
 
 

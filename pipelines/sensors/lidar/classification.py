@@ -4,14 +4,13 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, complete, fading
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import require_between
+from fbench.replay.contracts.params import CheckedParams, bounded, require_between
 from fbench.replay.data.arrays import Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.kernels import kernel
@@ -174,7 +173,7 @@ _LEAST_STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class CarShapeParams:
+class CarShapeParams(CheckedParams, prefix="lidar.shape"):
     """What a cluster must be like; in each pair, values from the first on are fine, from the second on impossible."""
 
     bottom_m: tuple[float, float] = (0.75, 1.1)
@@ -188,19 +187,18 @@ class CarShapeParams:
     num_points: tuple[float, float] = (10.0, 4.0)  # Number of points: a handful is too few to tell.
     num_over: tuple[float, float] = (0.0, 4.0)
     """Number of points above the height of cars: poles, walls and trees go on."""
-    margin_m: float = 0.3  # How far beside the rectangle points count as above it [m].
-    where: ClassVar[str] = "lidar.shape"  # Dotted name of these parameters.
+    margin_m: float = bounded(0.3, 0, 100)  # How far beside the rectangle points count as above it [m].
 
     def __post_init__(self) -> None:
-        require_between(f"{self.where}.margin_m", self.margin_m, 0, 100)
+        super().__post_init__()
         for name in (*_RISING, *_FALLING):
             for value in getattr(self, name):
-                require_between(f"{self.where}.{name}", value, 0)
+                require_between(f"{self._prefix}{name}", value, 0)
         for name, sign, word in (*((n, 1, "above") for n in _RISING), *((n, -1, "below") for n in _FALLING)):
             fine, impossible = getattr(self, name)
             if not sign * (impossible - fine) >= _LEAST_STEP:
                 raise ConfigError(
-                    f"{self.where}.{name}: expected a second value {word} the first, got {fine:g},{impossible:g}"
+                    f"{self._prefix}{name}: expected a second value {word} the first, got {fine:g},{impossible:g}"
                 )
 
 

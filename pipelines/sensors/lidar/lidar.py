@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, like_cars, road_users
-from fbench.pipelines.sensors.points.clustering import Grouping
+from fbench.pipelines.sensors.points.clustering import ClusterParams
 from fbench.pipelines.sensors.points.ground import (
     GroundParams,
     Plane,
@@ -16,7 +16,7 @@ from fbench.pipelines.sensors.points.ground import (
     surroundings,
 )
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, OtherSizes, VehicleSize, fit_rectangles
-from fbench.replay.contracts.params import require_between, require_ranges
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.metadata import SIMULATED
@@ -24,27 +24,12 @@ from fbench.replay.data.rig import LogInfo
 
 
 @dataclass(frozen=True)
-class LidarClusterParams:
+class LidarClusterParams(ClusterParams, prefix="lidar.cluster"):
     """Clustering of what stands on the ground."""
 
-    method: str = "dbscan"  # DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics.
-    eps_m: float = 0.6  # Radius [m].
-    min_points: int = 3  # Points within the radius that make a core point, itself included.
-    adaptive_from_m: float | None = 25.0
-    """Beyond this distance from the body's origin [m] the radius of DBSCAN grows in proportion to it, as the spacing of
-    beams does; none: it is the same everywhere."""
     with_height: bool = False  # Whether heights count; if not, points are grouped as seen from above.
-    max_height_m: float = 2.5  # Points higher above the ground [m], such as trees over a street, are left out.
-
-    def __post_init__(self) -> None:
-        ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "max_height_m": (0.1, 100.0)}
-        require_ranges("lidar.cluster", self, ranges)
-        self.grouping.check("lidar.cluster")
-
-    @property
-    def grouping(self) -> Grouping:
-        """What of this tells how points are grouped."""
-        return Grouping(self.method, self.eps_m, self.min_points, self.adaptive_from_m)
+    max_height_m: float = bounded(2.5, 0.1, 100)
+    """Points higher above the ground [m], such as trees over a street, are left out."""
 
 
 OWN = ("min_range_m", "max_range_m")
@@ -52,15 +37,16 @@ OWN = ("min_range_m", "max_range_m")
 
 
 @dataclass(frozen=True)
-class LidarParams:
+class LidarParams(CheckedParams, prefix="lidar"):
     """Parameters of detection by LiDAR."""
 
-    min_range_m: float = 2.5  # Points nearer to the LiDAR [m] lie on the own vehicle.
-    max_range_m: float | None = None  # Points farther from the LiDAR [m] are left out; none: all are used.
-    ego_front_m: float = 4.0
+    min_range_m: float = bounded(2.5, 0, 1000)  # Points nearer to the LiDAR [m] lie on the own vehicle.
+    max_range_m: float | None = bounded(None, 0.1, 10000)
+    """Points farther from the LiDAR [m] are left out; none: all are used."""
+    ego_front_m: float = bounded(4.0, 0, 1000)
     """The own vehicle reaches this far ahead of the body's origin [m]: points in its outline lie on it."""
-    ego_rear_m: float = 2.5  # The own vehicle reaches this far behind the body's origin [m].
-    ego_side_m: float = 1.1
+    ego_rear_m: float = bounded(2.5, 0, 1000)  # The own vehicle reaches this far behind the body's origin [m].
+    ego_side_m: float = bounded(1.1, 0, 1000)
     """The own vehicle reaches this far to each side of the body's origin [m]; 0: no points are taken for its own."""
     deskew: bool = True
     """Where poses are known, points are moved to the frame's instant by their own times, unless the log says that
@@ -77,12 +63,12 @@ class LidarParams:
     shape: CarShapeParams = field(default_factory=CarShapeParams)  # What a cluster must look like by the rules.
 
     def __post_init__(self) -> None:
-        names = ("min_range_m", "ego_front_m", "ego_rear_m", "ego_side_m")
-        require_ranges("lidar", self, dict.fromkeys(names, (0.0, 1000.0)))
-        if self.max_range_m is not None:
-            require_between("lidar.max_range_m", self.max_range_m, 0.1, 10_000.0)
-        self.size.check("lidar.size")
-        self.sizes.check("lidar.sizes")
+        super().__post_init__()
+        for name, size in {
+            "size": self.size,
+            **{f"sizes.{name}": one for name, one in vars(self.sizes).items()},
+        }.items():
+            size.check(f"lidar.{name}")
 
 
 @dataclass(frozen=True, eq=False)

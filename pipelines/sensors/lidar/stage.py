@@ -8,7 +8,7 @@ from fbench.pipelines.sensors.lidar.lidar import OWN, LidarParams, LidarView, Ob
 from fbench.pipelines.sensors.lidar.lidar import detect as lidar_detect
 from fbench.pipelines.sensors.lidar.lidar import obstacles as lidar_obstacles
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, lidar_position
+from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, viewpoint
 from fbench.pipelines.sensors.points.vehicle import NEAR_M, complete_known, fit_rectangles
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -164,7 +164,7 @@ class LidarStage:
         self._ranges_m = {name: (p.min_range_m, p.max_range_m or np.inf) for name, p in own.items()}
         self._own = Outline(params.ego_front_m, params.ego_rear_m, params.ego_side_m)
         self._deskew = Deskew(log_info) if params.deskew else None
-        self._viewpoint = lidar_position(rig) if rig.sensors("lidar") else np.zeros(2)
+        self._viewpoint = viewpoint(rig, "lidar")
         self.reset()
 
     def reset(self) -> None:

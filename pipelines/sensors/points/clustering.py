@@ -12,7 +12,7 @@ import numpy as np
 
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
-from fbench.replay.contracts.params import require_between
+from fbench.replay.contracts.params import CheckedParams, bounded, require_between
 from fbench.replay.data.arrays import Array, Float64, Int64
 
 _QUIET = Lock()
@@ -150,3 +150,25 @@ class Grouping:
         if self.method != "dbscan":
             return cluster_by_name(features, self.method, self.eps, self.min_points)
         return dbscan(features, self.eps if self.adaptive_from_m is None else self.radii(range_m), self.min_points)
+
+
+@dataclass(frozen=True)
+class ClusterParams(CheckedParams):
+    """Clustering of the points of a sensor in space."""
+
+    method: str = "dbscan"
+    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
+    eps_m: float = bounded(0.6, 0.01, 100)  # Radius [m].
+    min_points: int = bounded(3, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    adaptive_from_m: float | None = 25.0
+    """Beyond this distance from the body's origin [m] the radius of DBSCAN grows in proportion to it, as the spacing of
+    beams does; none: it is the same everywhere."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.grouping.check(self._prefix.rstrip("."))
+
+    @property
+    def grouping(self) -> Grouping:
+        """What of this tells how points are grouped."""
+        return Grouping(self.method, self.eps_m, self.min_points, self.adaptive_from_m)

@@ -1,11 +1,11 @@
 """Whole vehicles from the sides of them that a sensor sees."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.pipelines.fusion.sizes import SIZES
-from fbench.replay.contracts.params import require_ranges
+from fbench.replay.contracts.params import require_between
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
@@ -22,28 +22,22 @@ class VehicleSize:
         """Refuse sizes that no vehicle has; `prefix` is the dotted name of these parameters. Raises ConfigError naming
         the parameter.
         """
-        require_ranges(prefix, self, dict.fromkeys(("length_m", "width_m", "height_m"), (0.1, 50.0)))
+        for name, value in vars(self).items():
+            require_between(f"{prefix}.{name}", value, 0.1, 50.0)
 
 
 @dataclass(frozen=True)
 class OtherSizes:
     """Sizes of typical road users that are no cars."""
 
-    van: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["van"].lidar_lwh_m))  # Van
-    truck: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["truck"].lidar_lwh_m))  # Truck or bus
-    motorcycle: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["motorcycle"].lidar_lwh_m))
+    van: VehicleSize = VehicleSize(*SIZES["van"].lidar_lwh_m)  # Van
+    truck: VehicleSize = VehicleSize(*SIZES["truck"].lidar_lwh_m)  # Truck or bus
+    motorcycle: VehicleSize = VehicleSize(*SIZES["motorcycle"].lidar_lwh_m)
     """Motorcycle with its rider."""
-    bicycle: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["bicycle"].lidar_lwh_m))
+    bicycle: VehicleSize = VehicleSize(*SIZES["bicycle"].lidar_lwh_m)
     """Bicycle with its rider."""
-    pedestrian: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["pedestrian"].lidar_lwh_m))
+    pedestrian: VehicleSize = VehicleSize(*SIZES["pedestrian"].lidar_lwh_m)
     """Person on foot."""
-
-    def check(self, prefix: str) -> None:
-        """Refuse sizes that nobody has; `prefix` is the dotted name of these parameters. Raises ConfigError naming the
-        parameter.
-        """
-        for one in fields(self):
-            getattr(self, one.name).check(f"{prefix}.{one.name}")
 
 
 @dataclass(frozen=True, eq=False)

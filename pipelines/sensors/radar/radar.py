@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.sensors.points.clustering import Grouping
+from fbench.pipelines.sensors.points.clustering import ClusterParams
 from fbench.pipelines.sensors.points.grid import median
 from fbench.pipelines.sensors.points.merged import Echoes, radar_scans
 from fbench.pipelines.sensors.points.vehicle import VehicleSize
@@ -20,7 +20,7 @@ from fbench.pipelines.sensors.radar.doppler import (
     velocity_periods,
     with_logged_ego_motion,
 )
-from fbench.replay.contracts.params import StageClock, require_between, require_ranges
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
@@ -34,26 +34,16 @@ _SPREADING_FROM_M = 20.0  # See `RadarParams.full_score_within_m`; chosen on dev
 
 
 @dataclass(frozen=True)
-class RadarClusterParams:
+class RadarClusterParams(ClusterParams, prefix="radar.cluster"):
     """Clustering of moving echoes, over x, y and velocity."""
 
-    method: str = "dbscan"  # DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics.
-    eps_m: float = 2.0  # Radius [m].
-    min_points: int = 5  # Echoes within the radius that make a core point, itself included.
+    eps_m: float = bounded(2.0, 0.01, 100)  # Radius [m].
+    min_points: int = bounded(5, 1, 1e6)  # Echoes within the radius that make a core point, itself included.
     adaptive_from_m: float | None = None
     """Beyond this distance from the body's origin [m] the radius grows in proportion to it; none: it is the same
     everywhere."""
-    seconds: float = 1.0  # A difference in radial velocity of 1 m/s counts as a distance of this many meters [s].
-
-    def __post_init__(self) -> None:
-        ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "seconds": (0.0, 100.0)}
-        require_ranges("radar.cluster", self, ranges)
-        self.grouping.check("radar.cluster")
-
-    @property
-    def grouping(self) -> Grouping:
-        """What of this tells how points are grouped."""
-        return Grouping(self.method, self.eps_m, self.min_points, self.adaptive_from_m)
+    seconds: float = bounded(1.0, 0, 100)
+    """A difference in radial velocity of 1 m/s counts as a distance of this many meters [s]."""
 
 
 OWN = ("max_range_m", "min_magnitude_db", "doppler")
@@ -61,32 +51,26 @@ OWN = ("max_range_m", "min_magnitude_db", "doppler")
 
 
 @dataclass(frozen=True)
-class RadarParams:
+class RadarParams(CheckedParams, prefix="radar"):
     """Parameters of detection by radar."""
 
-    max_range_m: float = 60.0  # Farthest echoes [m] that are used.
-    min_magnitude_db: float = -math.inf
+    max_range_m: float = bounded(60.0, 1, 1000)  # Farthest echoes [m] that are used.
+    min_magnitude_db: float = bounded(-math.inf, -math.inf, 1e6)
     """Weaker echoes [dB or dBsm, as the sensor gives it] are left out; those of unknown magnitude stay."""
-    min_speed_mps: float = 0.3
+    min_speed_mps: float = bounded(0.3, 0, 100)
     """Slower echoes [m/s over ground] count as stationary: radar3d finds moving objects only."""
     doppler: DopplerParams = field(default_factory=DopplerParams)  # How the ego motion is taken out of the velocities.
     cluster: RadarClusterParams = field(default_factory=RadarClusterParams)  # How echoes are grouped.
     unmeasured: UnmeasuredParams = field(default_factory=UnmeasuredParams)
     """What echoes of radars without Doppler must be like."""
     size: VehicleSize = field(default_factory=VehicleSize)  # What clusters are completed to.
-    full_score_echoes: float = 20.0  # A cluster of n echoes scores 1 - exp(-n / this).
-    full_score_within_m: float | None = None
+    full_score_echoes: float = bounded(20.0, 0.1, 1e6)  # A cluster of n echoes scores 1 - exp(-n / this).
+    full_score_within_m: float | None = bounded(None, 1, 10_000)
     """Farther away [m] each echo counts as the square of the distance over this, as rays spread; none: 20 m in
     simulated logs, whose radars spread rays evenly, else an echo counts the same at any distance."""
 
     def __post_init__(self) -> None:
-        ranges = {
-            "max_range_m": (1.0, 1000.0), "min_magnitude_db": (-math.inf, 1e6), "min_speed_mps": (0.0, 100.0),
-            "full_score_echoes": (0.1, 1e6),
-        }  # fmt: skip
-        require_ranges("radar", self, ranges)
-        if self.full_score_within_m is not None:
-            require_between("radar.full_score_within_m", self.full_score_within_m, 1.0, 10_000.0)
+        super().__post_init__()
         self.size.check("radar.size")
 
 

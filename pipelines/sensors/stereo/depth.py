@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.pipelines.sensors.stereo.rectify import Rectifier
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import require_ranges
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Float32, Float64, Int64
 from fbench.replay.data.images import Pixels
 from fbench.replay.geometry.kernels import kernel
@@ -68,24 +68,17 @@ _HEIGHT_M = 6.0  # Points farther above or below the camera [m] are left out
 
 
 @dataclass(frozen=True)
-class DepthParams:
+class DepthParams(CheckedParams, prefix="stereo.depth"):
     """Pixels become points; those of one cell of columns, disparity and height become one, their mean.
 
     Cells grow with depth as its error does, so that each holds about as much noise: dZ = Z^2 / (f B) dd.
     """
 
-    max_range_m: float = 40.0  # Farther depths [m] are left out, the sky with them.
-    cell_px: int = 4  # Columns of a cell [px] of the shrunk image.
-    cell_disparity_px: float = 0.5  # Its range of disparities [px].
-    cell_height_m: float = 0.25  # Its height [m].
-    min_pixels: int = 8  # Cells with fewer pixels are noise.
-
-    def __post_init__(self) -> None:
-        ranges = {
-            "max_range_m": (1.0, 500.0), "cell_px": (1, 100), "cell_disparity_px": (0.05, 100.0),
-            "cell_height_m": (0.05, 10.0), "min_pixels": (1, 10_000),
-        }  # fmt: skip
-        require_ranges("stereo.depth", self, ranges)
+    max_range_m: float = bounded(40.0, 1, 500)  # Farther depths [m] are left out, the sky with them.
+    cell_px: int = bounded(4, 1, 100)  # Columns of a cell [px] of the shrunk image.
+    cell_disparity_px: float = bounded(0.5, 0.05, 100)  # Its range of disparities [px].
+    cell_height_m: float = bounded(0.25, 0.05, 10)  # Its height [m].
+    min_pixels: int = bounded(8, 1, 10_000)  # Cells with fewer pixels are noise.
 
 
 def points(disparity: Float32, how: Rectifier, nearest_m: float, params: DepthParams) -> Float64:
@@ -108,33 +101,30 @@ _STEP = 16  # OpenCV searches a multiple of so many disparities, and gives them 
 
 
 @dataclass(frozen=True)
-class DisparityParams:
+class DisparityParams(CheckedParams, prefix="stereo.disparity"):
     """Semi-global block matching (Hirschmueller, PAMI 2008); all pixels are those of the shrunk images."""
 
-    shrink: int = 2
+    shrink: int = bounded(2, 1, 8)
     """Images are made smaller by this factor before they are matched: 2 is about four times as fast as 1, and depth is
     half as exact.
     """
-    nearest_m: float = 3.0  # Nearer things [m] aren't found: the disparities that are searched end at f B / nearest_m.
-    max_disparity_px: int = 192  # No larger disparities [px] are searched, however near `nearest_m` is.
-    block_px: int = 5  # Edge of the blocks that are compared [px], odd.
+    nearest_m: float = bounded(3.0, 0.1, 100)
+    """Nearer things [m] aren't found: the disparities that are searched end at f B / nearest_m."""
+    max_disparity_px: int = bounded(192, 16, 1024)
+    """No larger disparities [px] are searched, however near `nearest_m` is."""
+    block_px: int = bounded(5, 1, 31)  # Edge of the blocks that are compared [px], odd.
     smoothness: tuple[int, int] = (8, 32)
     """Penalty on a step of one disparity, and on a larger one, in grey levels for each pixel of a block."""
-    uniqueness: int = 10  # By how much [%] the best match must be better than the second.
-    left_right_px: int = 1  # By how much [px] matching from the right image may differ.
-    speckle_px: int = 60  # Patches of like disparity with fewer pixels are dropped.
-    texture: float = 1.0
+    uniqueness: int = bounded(10, 0, 100)  # By how much [%] the best match must be better than the second.
+    left_right_px: int = bounded(1, 0, 100)  # By how much [px] matching from the right image may differ.
+    speckle_px: int = bounded(60, 0, 10_000)  # Patches of like disparity with fewer pixels are dropped.
+    texture: float = bounded(1.0, 0, 255)
     """Mean step between horizontal neighbors [grey levels] in a block twice as wide: flatter places, such as the sky,
     can't be matched.
     """
 
     def __post_init__(self) -> None:
-        ranges = {
-            "shrink": (1, 8), "nearest_m": (0.1, 100.0), "max_disparity_px": (16, 1024), "block_px": (1, 31),
-            "uniqueness": (0, 100), "left_right_px": (0, 100), "speckle_px": (0, 10_000),
-            "texture": (0.0, 255.0),
-        }  # fmt: skip
-        require_ranges("stereo.disparity", self, ranges)
+        super().__post_init__()
         one, more = self.smoothness
         if self.block_px % 2 == 0:
             raise ConfigError(f"stereo.disparity.block_px: expected an odd number, got {self.block_px}")
@@ -190,20 +180,17 @@ _QUALITY_HEIGHT_M = (0.3, 4.0)  # Cameras of vehicles are this high above the gr
 
 
 @dataclass(frozen=True)
-class QualityParams:
+class QualityParams(CheckedParams, prefix="stereo.quality"):
     """When depth is taken for noise: in rain and by night images differ by more than their texture, fog takes it."""
 
-    min_share: float = 0.62
+    min_share: float = bounded(0.62, 0, 1)
     """Share of the pixels below the horizon that need a sure match [0 to 1]; with fewer, stereo is left out."""
-    texture: float = 1.2  # Sure matches have at least this texture [grey levels], see `disparity.texture`.
-    mismatch: float = 0.8
+    texture: float = bounded(1.2, 0, 255)
+    """Sure matches have at least this texture [grey levels], see `disparity.texture`."""
+    mismatch: float = bounded(0.8, 0, 1000)
     """Mean difference of the matched pixels around them, as a multiple of the texture: at most this. Divided by the
     texture, a difference in brightness is about the error of disparity [px] that it causes.
     """
-
-    def __post_init__(self) -> None:
-        ranges = {"min_share": (0.0, 1.0), "texture": (0.0, 255.0), "mismatch": (0.0, 1000.0)}
-        require_ranges("stereo.quality", self, ranges)
 
 
 def last_row(disparity: Float32, how: Rectifier, most_px: float) -> int:

@@ -1,7 +1,6 @@
 """Depth by one stereo pair, timed, and vehicles in its points."""
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from fbench.pipelines.sensors.stereo import depth as quality
 from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams, points
 from fbench.pipelines.sensors.stereo.rectify import choose_pair, rectifier
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import StageClock, require_ranges
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.images import Pixels, decode_grey
@@ -103,18 +102,16 @@ class StereoStage:
 
 
 @dataclass(frozen=True)
-class StereoGroundParams(GroundParams):
+class StereoGroundParams(GroundParams, prefix="objects.ground"):
     """How the ground is found in points of stereo."""
 
-    where: ClassVar[str] = "objects.ground"
-    tolerance_m: float = 0.3
+    tolerance_m: float = bounded(0.3, 0, 10)
 
 
 @dataclass(frozen=True)
-class StereoShapeParams(CarShapeParams):
+class StereoShapeParams(CarShapeParams, prefix="objects.shape"):
     """What a cluster of stereo must be like: errors of depth widen clusters and fill them."""
 
-    where: ClassVar[str] = "objects.shape"
     top_m: tuple[float, float] = (2.2, 2.6)
     least_extent_m: tuple[float, float] = (1.2, 0.6)
     most_length_m: tuple[float, float] = (6.0, 8.0)
@@ -125,21 +122,16 @@ class StereoShapeParams(CarShapeParams):
 
 
 @dataclass(frozen=True)
-class StereoClusterParams:
+class StereoClusterParams(CheckedParams, prefix="objects.cluster"):
     """DBSCAN on what stands on the ground, seen from above, with radii that grow with range r."""
 
-    eps_m: float = 0.5  # Least radius along the line of sight [m]: it is eps_m + 2 r^2 / (f B) sigma_px.
-    sigma_px: float = 0.1  # Error of disparity [px] of the shrunk image that is bridged; errors of neighbors are alike.
-    eps_rad: float = 0.04  # Radius across the line of sight [rad]: 0.8 m at 20 m.
-    min_points: int = 5  # Points within the radius that make a core point, itself included.
-    max_height_m: float = 2.5  # Points higher above the ground [m] are left out.
-
-    def __post_init__(self) -> None:
-        ranges = {
-            "eps_m": (0.01, 100.0), "sigma_px": (0.001, 100.0), "eps_rad": (0.001, 3.0), "min_points": (1, 1e6),
-            "max_height_m": (0.1, 100.0),
-        }  # fmt: skip
-        require_ranges("objects.cluster", self, ranges)
+    eps_m: float = bounded(0.5, 0.01, 100)
+    """Least radius along the line of sight [m]: it is eps_m + 2 r^2 / (f B) sigma_px."""
+    sigma_px: float = bounded(0.1, 0.001, 100)
+    """Error of disparity [px] of the shrunk image that is bridged; errors of neighbors are alike."""
+    eps_rad: float = bounded(0.04, 0.001, 3)  # Radius across the line of sight [rad]: 0.8 m at 20 m.
+    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    max_height_m: float = bounded(2.5, 0.1, 100)  # Points higher above the ground [m] are left out.
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ def test_the_best_pair_is_joined_first_whichever_sensors_it_is_of():
     pairs = associate(Sightings.join([one, camera(CAR)]), 0.2)
     assert [len(rows) for rows in pairs] == [1, 1, 1]  # boxes of one sensor are never joined
     lidar = by_points(spots(RIG, "cam", LIDAR, PARAMS)[1], Source.L)
-    both = Sightings.join([one, lidar.rows(lidar.score > 0.3)])
+    both = Sightings.join([one, lidar[lidar.score > 0.3]])
     joined = next(rows for rows in associate(both, 0.2) if len(rows) == 2)
     assert both.xyxy_px[joined[0]].tolist() == CAR
 

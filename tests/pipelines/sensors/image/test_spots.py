@@ -13,7 +13,7 @@ PARAMS = SpotParams(DEFAULT.cluster, DEFAULT.shape, DEFAULT.margin_px)
 
 def seen(*parts, **how) -> Spots:
     found = spots(RIG, "cam", cloud(*parts, **how), PARAMS)[1]
-    return found.rows(found.score > 0.3)
+    return found[found.score > 0.3]
 
 
 def test_a_car_before_a_wall_is_outlined_down_to_the_ground():
