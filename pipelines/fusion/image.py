@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -83,8 +84,7 @@ class ImageView:
     rays: Mapping[Source, Rays] = field(default_factory=dict)  # All their points
 
 
-@dataclass(frozen=True)
-class PointEvidence:
+class PointEvidence(NamedTuple):
     """Statement of the points of one kind of sensor about a box."""
 
     depth_m: float  # Depth of the object they are on [m]
@@ -147,7 +147,10 @@ def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) 
     seen = view.seen
     groups = [rows for rows in associate(seen, params.min_similarity) if len(rows) > 1 or not seen.weak[rows[0]]]
     groups = _drop_parts(seen, groups)
-    free = {kind: _free_points(view, kind, groups) for kind in view.points}
+    free = {}  # points of no object: of no cluster, or of one that is a group by itself; not those of large things
+    for kind, points in view.points.items():
+        alone = np.array([rows[0] for rows in groups if len(rows) == 1 and seen.source[rows[0]] == int(kind)], np.int64)
+        free[kind] = points[(points.cluster < 0) | np.isin(points.cluster, seen.spot[alone])]
     share = camera_share if view.works else 0.0
     objects = sorted(
         (_object(view, rows, free, share, params) for rows in groups), key=lambda o: (-o.score, *o.xyxy_px.tolist())
@@ -197,12 +200,10 @@ def similarity(seen: Sightings) -> Float64:
     upright = seen.upright[:, None] & seen.upright[None, :]
     guessed = seen.source == int(Source.C)
     depths = np.maximum(_depth_agreement(seen), np.where(guessed[:, None] | guessed[None, :], _MISTAKEN, 0.0))
-    return np.where(upright, _overlap(seen.xyxy_px), _overlap(flat)) * depths
-
-
-def _overlap(xyxy_px: Float64) -> Float64:
-    overlap = np.maximum(iou_2d(xyxy_px, xyxy_px), _CONTAINED * _inside_shares(xyxy_px, xyxy_px))
-    return np.asarray(np.maximum(overlap, overlap.T), np.float64)
+    overlaps = [
+        np.maximum(iou_2d(xyxy, xyxy), _CONTAINED * _inside_shares(xyxy, xyxy)) for xyxy in (seen.xyxy_px, flat)
+    ]
+    return np.where(upright, *(np.maximum(overlap, overlap.T) for overlap in overlaps)) * depths
 
 
 def _depth_agreement(seen: Sightings) -> Float64:
@@ -235,13 +236,6 @@ def _drop_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
     return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
 
 
-def _free_points(view: ImageView, kind: Source, groups: list[Int64]) -> Points:
-    """Points that no object has: those of no cluster, or of one that is a group by itself, but not of large things."""
-    alone = [rows[0] for rows in groups if len(rows) == 1 and view.seen.source[rows[0]] == int(kind)]
-    points = view.points[kind]
-    return points[(points.cluster < 0) | np.isin(points.cluster, view.seen.spot[np.array(alone, np.int64)])]
-
-
 def _object(
     view: ImageView, rows: Int64, free: Mapping[Source, Points], camera_share: float, params: ImageFusionParams
 ) -> ImageObject:
@@ -264,7 +258,9 @@ def _object(
     elif Source.R in found:
         rate = found[Source.R].rate_mps
     else:
-        rate = _rate_at(view.points[Source.R], box, depth) if Source.R in view.points else float("nan")
+        rate = float("nan")
+        if (echoes := view.points.get(Source.R)) is not None:
+            rate = _rate(echoes, _in_box(echoes, box) & (np.abs(echoes.depth_m - depth) < _AROUND_M))
     return ImageObject(
         xyxy_px=box,
         label=str(seen.label[shown]),
@@ -286,11 +282,6 @@ def _point_evidence(seen: Sightings, at: int, points: Points) -> PointEvidence |
         return None
     on_it = inside & (np.abs(points.depth_m - depth) < _AROUND_M)
     return PointEvidence(depth, float(saturate(int(np.count_nonzero(on_it)), _FULL)), _rate(points, on_it))
-
-
-def _rate_at(points: Points, xyxy_px: Float64, depth_m: float) -> float:
-    """Change of the distance [m/s] of what is in a box (4,) at a depth, by its echoes; NaN without any."""
-    return _rate(points, _in_box(points, xyxy_px) & (np.abs(points.depth_m - depth_m) < _AROUND_M))
 
 
 def _in_box(points: Points, xyxy_px: Float64) -> Bool:
@@ -360,11 +351,8 @@ def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, s
 
 def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:
     """Distance of an object's middle from the body's origin [m], given the depth of its near side."""
-    if np.isnan(depth_m):
-        return float("nan")
-    middle = np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]])
-    ray = rays(view.rig.cameras[view.camera], middle)
-    if not ray[0, 2] > 0:
+    ray = rays(view.rig.cameras[view.camera], np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]]))
+    if np.isnan(depth_m) or not ray[0, 2] > 0:
         return float("nan")
     place = transform(view.rig.body_T_sensor(view.camera), ray / ray[0, 2] * (depth_m + _HALF_LENGTH_M))
     return float(np.sqrt((place**2).sum()))

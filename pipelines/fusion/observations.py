@@ -133,7 +133,9 @@ def _lift(
         return None
     (left, top, right, bottom), body_T_camera = (float(value) for value in flat[0]), flat[1]
     model, label = rig.cameras[camera], str(found.label[row])
-    is_left, is_high, is_right, is_low = _cut_borders(found.xyxy_px[row], model.size_wh)
+    edges = found.xyxy_px[row].tolist()
+    is_left, is_high = edges[0] < _EDGE_PX, edges[1] < _EDGE_PX
+    is_right, is_low = (edges[2 + axis] > model.size_wh[axis] - 1 - _EDGE_PX for axis in (0, 1))
     middle = ((left + right) / 2 - model.K[0, 2]) / model.K[0, 0]
     low = np.array([middle, (bottom - model.K[1, 2]) / model.K[1, 1], 1.0])
     ray = (body_T_camera[:3, :3] * low).sum(axis=1)
@@ -150,7 +152,11 @@ def _lift(
         length, width = SIZES["van"].lwh_m[:2]
     wide = (right - left) * depth / model.K[0, 0]
     hidden = max(0.0, length - wide) / 2 if wide > _SIDE_MARGIN * width else 0.0
-    aspect = np.pi / 2 if hidden and is_left != is_right else _aspect(wide, length, width)
+    # A rectangle turned by the aspect a against the line of sight looks l sin(a) + w cos(a) wide. What looks about as
+    # wide as it is long is taken to be seen from its side.
+    aspect = np.pi / 2
+    if not (hidden and is_left != is_right) and wide < _SIDE_SHARE * length:
+        aspect = max(0.0, np.arcsin(wide / np.hypot(length, width)) - np.arctan2(width, length))
     return CameraObservation(
         camera=camera,
         xyxy_px=found.xyxy_px[row],
@@ -168,13 +174,6 @@ def _lift(
         beside_m=hidden * (int(is_left) - int(is_right)),
         cut=is_left or is_right,
     )
-
-
-def _cut_borders(xyxy: Float64, size_wh: tuple[int, int]) -> tuple[bool, bool, bool, bool]:
-    """Whether the left, upper, right and lower border of the image cut a box off."""
-    left, top, right, bottom = (float(value) for value in xyxy)
-    width, height = size_wh
-    return left < _EDGE_PX, top < _EDGE_PX, right > width - 1 - _EDGE_PX, bottom > height - 1 - _EDGE_PX
 
 
 def _depth_on_ground(ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float) -> tuple[float, float] | None:
@@ -196,17 +195,6 @@ def _join_depths(by_height: tuple[float, float], by_ground: tuple[float, float] 
         weight_h *= 0.1
     log = (weight_h * np.log(by_height[0]) + weight_g * np.log(by_ground[0])) / (weight_h + weight_g)
     return float(np.exp(log)), float((weight_h + weight_g) ** -0.5)
-
-
-def _aspect(wide_m: float, length_m: float, width_m: float) -> float:
-    """Angle a between heading and line of sight at which a rectangle looks `wide_m`: l sin(a) + w cos(a).
-
-    What looks about as wide as it is long is taken to be seen from its side.
-    """
-    if wide_m >= _SIDE_SHARE * length_m:
-        return float(np.pi / 2)
-    diagonal = np.hypot(length_m, width_m)
-    return float(max(0.0, np.arcsin(wide_m / diagonal) - np.arctan2(width_m, length_m)))
 
 
 def outline_overlaps(rig: Rig, camera: str, boxes: Boxes3D, xyxy_px: Float64) -> Float64:

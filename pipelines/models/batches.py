@@ -31,7 +31,13 @@ def crop(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], scale: float,
     """Cut a window of `size_wh` out of an image (H, W, 3) BGR scaled by `scale`, mostly around an object."""
     height, width = pixels.shape[:2]
     wanted = np.array(size_wh) / scale
-    center = _center(sample, (width, height), draw) + draw.uniform(-0.35, 0.35, 2) * wanted
+    objects = sample.xyxy[~sample.is_ignored]
+    if len(objects) and draw.random() < _NEAR_OBJECT:
+        one = objects[draw.integers(len(objects))]
+        center = np.asarray((one[:2] + one[2:]) / 2)
+    else:
+        center = np.asarray(draw.uniform(0, 1, 2) * np.array((width, height)))
+    center = center + draw.uniform(-0.35, 0.35, 2) * wanted
     room = np.array([width, height]) - wanted
     corner = np.where(room > 0, np.clip(center - wanted / 2, 0, np.maximum(room, 0)), room * draw.uniform(0, 1, 2))
     return _view(sample, pixels, corner, scale, size_wh, draw)
@@ -43,14 +49,6 @@ def whole(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], draw: np.ran
     scale = min(size_wh[0] / width, size_wh[1] / height)
     corner = (np.array([width, height]) - np.array(size_wh) / scale) / 2
     return _view(sample, pixels, corner, scale, size_wh, draw)
-
-
-def _center(sample: Sample, size_wh: tuple[int, int], draw: np.random.Generator) -> Float64:
-    objects = sample.xyxy[~sample.is_ignored]
-    if len(objects) and draw.random() < _NEAR_OBJECT:
-        one = objects[draw.integers(len(objects))]
-        return np.asarray((one[:2] + one[2:]) / 2)
-    return np.asarray(draw.uniform(0, 1, 2) * np.array(size_wh))
 
 
 def _view(
@@ -73,7 +71,8 @@ def _scale(pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, in
     """Shrink first by areas, as the finished detector does, then cut; grey beyond the image."""
     height, width = pixels.shape[:2]
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    left, top, right, bottom = _window(corner, size_wh, scale, (width, height))
+    left, top = np.clip(np.floor(corner), 0, None).astype(int).tolist()
+    right, bottom = np.minimum(np.ceil(corner + np.array(size_wh) / scale), (width, height)).astype(int).tolist()
     part = pixels[top:bottom, left:right]
     inner = (max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale)))
     small = cv2.resize(part, inner, interpolation=how)
@@ -83,15 +82,6 @@ def _scale(pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, in
     w, h = min(inner[0] - sx, size_wh[0] - dx), min(inner[1] - sy, size_wh[1] - dy)
     canvas[dy : dy + h, dx : dx + w] = small[sy : sy + h, sx : sx + w]
     return canvas
-
-
-def _window(
-    corner: Float64, size_wh: tuple[int, int], scale: float, image_wh: tuple[int, int]
-) -> tuple[int, int, int, int]:
-    """Whole pixels of the image that the view shows."""
-    low = np.clip(np.floor(corner), 0, None).astype(int)
-    high = np.minimum(np.ceil(corner + np.array(size_wh) / scale), image_wh).astype(int)
-    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
 
 def _in_other_light(rgb: Pixels, draw: np.random.Generator) -> Pixels:

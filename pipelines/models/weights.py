@@ -203,14 +203,12 @@ def resolve(weights: Weights, catalogue: Sequence[Entry] = CATALOGUE) -> Weights
 
 def resolve_settings(settings: Sequence[str], catalogue: Sequence[Entry] = CATALOGUE) -> tuple[str, ...]:
     """Return settings `SENSOR.NAME=VALUE` with files in place of names, where they set weights; see `resolve`."""
-    return tuple(_resolve(setting, catalogue) for setting in settings)
-
-
-def _resolve(setting: str, catalogue: Sequence[Entry]) -> str:
-    path, _, text = setting.partition("=")
-    if not path.endswith(_PARAMETER) or text in (AUTO, "none"):
-        return setting
-    return f"{path}={resolve(expand_user(text), catalogue)}"
+    result = []
+    for setting in settings:
+        path, _, text = setting.partition("=")
+        is_file_wanted = path.endswith(_PARAMETER) and text not in (AUTO, "none")
+        result.append(f"{path}={resolve(expand_user(text), catalogue)}" if is_file_wanted else setting)
+    return tuple(result)
 
 
 TIMEOUT_S = 30.0

@@ -68,19 +68,25 @@ class Alongside:
         """Return the frame's result, and how many since the frame before it belong to none."""
         self._read(frame)
         before, reach_before_ns = self._before, self._reach_ns
-        self._note(frame)
-        fitting = [h for h in self._held if not h.is_done and self._fits(h, frame, before, reach_before_ns)]
-        best = min(fitting, key=lambda held: _distance(held, frame), default=None)
-        result = None if best is None else self._whole(best, fitting)
-        return result, 0 if before is None else self._count_passed(before, frame)
-
-    def _note(self, frame: Frame) -> None:
-        """Take a frame's stamp, and say how far behind it results count as its own."""
-        if self._before is not None:
-            self._periods.append(frame.stamp_ns - self._before.stamp_ns)
+        if before is not None:
+            self._periods.append(frame.stamp_ns - before.stamp_ns)
         periods = sorted(self._periods)
         half = periods[(len(periods) - 1) // 2] // 2 if periods else self._tolerance_ns
         self._before, self._reach_ns = frame, min(self._tolerance_ns, half)
+        fitting = [h for h in self._held if not h.is_done and self._fits(h, frame, before, reach_before_ns)]
+        result = None
+        if (best := min(fitting, key=lambda held: _distance(held, frame), default=None)) is not None:
+            best.is_done, result = True, best.truth
+            # What complements it at the same instant is joined: boxes of several cameras.
+            for held in fitting:
+                same = (held.stamp_ns, held.truth.frame_index) == (best.stamp_ns, best.truth.frame_index)
+                both = join_truths(result, held.truth) if same and held is not best else None
+                if both is not None:
+                    held.is_done, result = True, both
+        passed = [h for h in self._held if before is not None and not h.is_done and _is_between(h, before, frame)]
+        for held in passed:
+            held.is_done = True
+        return result, len(passed)
 
     def _fits(self, held: _Held, frame: Frame, before: Frame | None, reach_before_ns: int) -> bool:
         counted = _counted(held.truth, frame)
@@ -93,23 +99,6 @@ class Alongside:
             return True
         behind_last_ns = held.stamp_ns - before.stamp_ns
         return behind_last_ns > reach_before_ns or behind_last_ns > -behind_ns
-
-    @staticmethod
-    def _whole(best: _Held, fitting: list[_Held]) -> Truth:
-        """Join what complements the best one at the same instant: boxes of several cameras."""
-        best.is_done, whole = True, best.truth
-        for held in fitting:
-            same = (held.stamp_ns, held.truth.frame_index) == (best.stamp_ns, best.truth.frame_index)
-            both = join_truths(whole, held.truth) if same and held is not best else None
-            if both is not None:
-                held.is_done, whole = True, both
-        return whole
-
-    def _count_passed(self, before: Frame, frame: Frame) -> int:
-        passed = [h for h in self._held if not h.is_done and _is_between(h, before, frame)]
-        for held in passed:
-            held.is_done = True
-        return len(passed)
 
     def _read(self, frame: Frame) -> None:
         """Read until behind what the frame can take; after a jump back, first past what was recorded before it."""
@@ -299,7 +288,11 @@ class RecordedBoxes:
     def _place(self, result: Truth, world_T_body: Float64 | None) -> tuple[Boxes | None, dict[str, str]]:
         """Boxes in body coordinates or in images of the rig's cameras, and what is missing."""
         if self.kind is Boxes2D:
-            return self._seen(result.boxes2d)
+            if (boxes := result.boxes2d) is None:
+                return None, {self._name: "no boxes in images, as in other frames"}
+            known = np.isin(boxes.camera, sorted(self._rig.cameras))
+            others = sorted(set(boxes.camera[~known].tolist()))
+            return boxes[known], {f"{self._name} in {name}": "isn't among the cameras of the run" for name in others}
         if result.boxes3d is None:
             return None, {self._name: "no boxes in 3D, as in other frames"}
         if not result.in_world:
@@ -307,10 +300,3 @@ class RecordedBoxes:
         if world_T_body is None:
             return None, {self._name: "no pose that moves it from the world to the body"}
         return move_boxes(result.boxes3d, inverse(world_T_body)), {}
-
-    def _seen(self, boxes: Boxes2D | None) -> tuple[Boxes | None, dict[str, str]]:
-        if boxes is None:
-            return None, {self._name: "no boxes in images, as in other frames"}
-        known = np.isin(boxes.camera, sorted(self._rig.cameras))
-        others = sorted(set(boxes.camera[~known].tolist()))
-        return boxes[known], {f"{self._name} in {camera}": "isn't among the cameras of the run" for camera in others}

@@ -23,25 +23,12 @@ class Tracker2D(Tracker[Boxes2D]):
     range rate of a track are those measured last; between measurements distance moves by range rate times time.
     """
 
-    place = "xyxy_px"
+    kind, place = Boxes2D, "xyxy_px"
+    carries = ("camera", "xyxy_px", "label", "score", "distance_m", "range_rate_mps", "sources")
 
     def __init__(self, params: Tracker2DParams, *, any_order: bool = False) -> None:
         self._params = params
         super().__init__(params, any_order)
-
-    def _columns(self, boxes: Boxes2D | None) -> Columns:
-        boxes = Boxes2D.empty() if boxes is None else boxes
-        num = len(boxes)
-        unknown = np.full(num, np.nan)
-        return {
-            "camera": boxes.camera,
-            "xyxy_px": boxes.xyxy_px,
-            "label": np.full(num, "other") if boxes.label is None else boxes.label,
-            "score": np.ones(num) if boxes.score is None else boxes.score,
-            "distance_m": unknown if boxes.distance_m is None else boxes.distance_m,
-            "range_rate_mps": unknown if boxes.range_rate_mps is None else boxes.range_rate_mps,
-            "sources": np.zeros(num, np.uint8) if boxes.sources is None else boxes.sources,
-        }
 
     def _first_states(self, detections: Columns) -> States:
         measured, measured_std = self._measure(detections)

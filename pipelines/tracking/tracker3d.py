@@ -46,7 +46,8 @@ class Tracker3D(Tracker[Boxes3D]):
     when the first pose comes; a pose missing later is extrapolated from the two before.
     """
 
-    place = "center_m"
+    kind, place = Boxes3D, "center_m"
+    carries = ("center_m", "size_lwh_m", "yaw_rad", "velocity_mps", "label", "score", "sources")
 
     def __init__(self, params: Tracker3DParams, *, any_order: bool = False) -> None:
         self._params = params
@@ -76,19 +77,6 @@ class Tracker3D(Tracker[Boxes3D]):
             "center_m": transform(dst_T_src, detections["center_m"]),
             "yaw_rad": wrap_angle(detections["yaw_rad"] + yaw),
             "velocity_mps": transform(turn, detections["velocity_mps"]),
-        }
-
-    def _columns(self, boxes: Boxes3D | None) -> Columns:
-        boxes = Boxes3D.empty() if boxes is None else boxes
-        num = len(boxes)
-        return {
-            "center_m": boxes.center_m,
-            "size_lwh_m": boxes.size_lwh_m,
-            "yaw_rad": boxes.yaw_rad,
-            "velocity_mps": np.full((num, 3), np.nan) if boxes.velocity_mps is None else boxes.velocity_mps,
-            "label": np.full(num, "other") if boxes.label is None else boxes.label,
-            "score": np.ones(num) if boxes.score is None else boxes.score,
-            "sources": np.zeros(num, np.uint8) if boxes.sources is None else boxes.sources,
         }
 
     def _first_states(self, detections: Columns) -> States:

@@ -102,7 +102,9 @@ class Tracker(ABC, Generic[B]):
     first, and those that aren't finite are left out.
     """
 
+    kind: type[B]  # Of boxes
     place: str  # Name of the column that says where a detection is
+    carries: tuple[str, ...]  # Names of all columns
 
     def __init__(self, common: TrackerParams, any_order: bool) -> None:
         self._common, self._any_order = common, any_order
@@ -142,7 +144,7 @@ class Tracker(ABC, Generic[B]):
         """
         pose = self._take_pose(stamp_ns, world_T_body)
         if self._tracks is None:
-            return self._report(self._begin(self._columns(None), stamp_ns), pose)
+            return self._report(self._begin(self._columns(self.kind.empty()), stamp_ns), pose)
         self._tracks = self._advance(self._tracks, stamp_ns)
         self._stamp_ns = stamp_ns
         return self._report(self._tracks, pose)
@@ -209,9 +211,19 @@ class Tracker(ABC, Generic[B]):
         """Move detections to other coordinates."""
         return detections
 
-    @abstractmethod
-    def _columns(self, boxes: B | None) -> Columns:
-        """The fields that tracks carry, present in any case; `None`: no boxes."""
+    def _columns(self, boxes: Boxes2D | Boxes3D) -> Columns:
+        """The fields that tracks carry, present in any case."""
+        num, columns = len(boxes), dict[str, Array]()
+        unknown: Columns = {
+            "label": np.full(num, "other"),
+            "score": np.ones(num),
+            "sources": np.zeros(num, np.uint8),
+            "velocity_mps": np.full((num, 3), np.nan),
+        }
+        for name in self.carries:
+            array = getattr(boxes, name)
+            columns[name] = unknown.get(name, np.full(num, np.nan)) if array is None else array
+        return columns
 
     @abstractmethod
     def _first_states(self, detections: Columns) -> States: ...

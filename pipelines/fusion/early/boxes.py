@@ -9,7 +9,7 @@ from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
 from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed
 from fbench.pipelines.fusion.observations import outline_overlaps
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
-from fbench.pipelines.sensors.lidar.classification import Seen, Standing, like_cars, road_users
+from fbench.pipelines.sensors.lidar.classification import Seen, Standing, classify
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, complete_known, fit_rectangles, half_turn
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
@@ -64,7 +64,12 @@ def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, lab
     wide as the camera's box, with the object put behind its near side along the line of sight. The one that covers the
     camera's box best is taken.
     """
-    lwh = _typical_sizes(scene, seen, groups, label)
+    # What a camera takes for a truck may be as low as a van.
+    size = scene.shapes.size
+    typical = {name: SIZES[name].lwh_m for name in SIZES} | {"car": (size.length_m, size.width_m, size.height_m)}
+    lwh = np.array([typical[str(name)] for name in label], np.float64).reshape(-1, 3)
+    for row in np.flatnonzero((groups.observation >= 0) & (label != "car")).tolist():
+        lwh[row] = seen.observations[groups.observation[row]].size_lwh_m
     lwh[:, 2] = np.maximum(lwh[:, 2], np.minimum(shape.top_m, _TALLEST_M))
     by_ray = np.zeros((len(groups), 2, 5))
     for row in np.flatnonzero((groups.observation >= 0) | ~shape.by_shape).tolist():
@@ -92,16 +97,6 @@ def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, lab
         yaw_rad=best[:, 4],
         overlap=np.where(has_camera, overlap[rows, choice], np.nan),
     )
-
-
-def _typical_sizes(scene: Scene, seen: Observed, groups: Groups, label: Text) -> Float64:
-    """Typical length, width and height (M, 3) [m]: what a camera takes for a truck may be as low as a van."""
-    size = scene.shapes.size
-    typical = {name: SIZES[name].lwh_m for name in SIZES} | {"car": (size.length_m, size.width_m, size.height_m)}
-    result = np.array([typical[str(name)] for name in label], np.float64).reshape(-1, 3)
-    for row in np.flatnonzero((groups.observation >= 0) & (label != "car")):
-        result[row] = seen.observations[groups.observation[row]].size_lwh_m
-    return result
 
 
 def _guess_along_ray(scene: Scene, seen: Observed, groups: Groups, row: int, length_width: Float64) -> Float64:
@@ -159,7 +154,7 @@ def classify_shapes(scene: Scene, groups: Groups, shape: Shapes) -> tuple[Float6
         return probability, label
     seen = Seen(_sort_points(scene, groups, rows), shape.rectangles[rows], scene.plane, scene.eye_m)
     how = scene.shapes
-    boxes = road_users(seen, how.size, how.sizes) if how.judge == "model" else like_cars(seen, how.size, how.shape)
+    boxes = classify(seen, how.judge, how.size, how.sizes, how.shape)
     if boxes.score is not None:
         probability[rows] = boxes.score
     long = np.hypot(*(shape.rectangles[:, [2, 4]] - shape.rectangles[:, [1, 3]]).T) > LONG_M

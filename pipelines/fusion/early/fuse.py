@@ -21,7 +21,7 @@ from fbench.pipelines.fusion.observations import AT_MIN_SCORE
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.contracts.params import CheckedParams, bounded
-from fbench.replay.data.arrays import Array, Bool, Float64
+from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 
 _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
@@ -83,14 +83,18 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
     """Find labeled objects with score, sources and, where radar measured it, velocity along the line of sight.
 
     Points take the labels of camera boxes and are clustered; a box is fitted to each group, whose probability to be a
-    road user follows from its shape, its points and the camera. Of objects in one place the surest stays.
+    road user follows from its shape, its points and the camera. Of objects in one place the surest stays. They come by
+    falling score; equal scores by place.
     """
     cloud = scene.cloud
     seen = label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
     is_seen = seen.instance >= 0
     cluster = cluster_cloud(cloud, is_seen, params.density)
     groups = group_points(cloud, seen, cluster, params.density.weights(cloud, is_seen))
-    groups = groups.select((groups.observation >= 0) | (_extents(cloud, groups) <= params.most_extent_m))
+    if len(groups):  # what no camera sees and is wide are walls
+        xy, first = cloud.xyz[groups.rows, :2], groups.first[:-1]
+        extent = (np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)).max(axis=1)
+        groups = groups.select((groups.observation >= 0) | (extent <= params.most_extent_m))
     counts = count_points(groups, cloud)
     shape = fit_shapes(cloud, groups, counts, params.fit_points)
     by_shape, label = classify_shapes(scene, groups, shape)
@@ -109,7 +113,13 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
         score=score,
         sources=counts.sources,
     )
-    return found[_surest(found, score, params)]
+    order = np.lexsort((*found.center_m.T[::-1], -score))
+    order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
+    same, kept = _are_one(found[order], params.merge_m), list[int]()
+    for row in range(len(order)):
+        if not same[row, kept].any():
+            kept.append(row)
+    return found[order[kept]]
 
 
 def _existence(
@@ -152,14 +162,6 @@ def _limited_odds(probability: Float64, most: float) -> Float64:
     return np.asarray(np.clip(log_odds(probability, 1e-9), -most, most), np.float64)
 
 
-def _extents(cloud: FusedCloud, groups: Groups) -> Float64:
-    """Larger of the extents along x and y (M,) [m]."""
-    if not len(groups):
-        return np.zeros(0)
-    xy, first = cloud.xyz[groups.rows, :2], groups.first[:-1]
-    return np.asarray((np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)).max(axis=1), np.float64)
-
-
 def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
     """Median radial velocity (M,) [m/s] of moving echoes, NaN where fewer than two move."""
     result = np.full(len(groups), np.nan)
@@ -168,18 +170,6 @@ def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
         points = points[cloud.is_moving[points]]
         result[row] = median_rate(cloud.range_rate_mps[points], cloud.period_mps[points])
     return result
-
-
-def _surest(boxes: Boxes3D, score: Float64, params: EarlyParams) -> Array:
-    """Rows of boxes that stay, by falling score; equal scores by place."""
-    order = np.lexsort((*boxes.center_m.T[::-1], -score))
-    order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
-    same = _are_one(boxes[order], params.merge_m)
-    kept: list[int] = []
-    for row in range(len(order)):
-        if not same[row, kept].any():
-            kept.append(row)
-    return order[kept]
 
 
 def _are_one(boxes: Boxes3D, merge_m: float) -> Bool:

@@ -4,16 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.fusion import observations
 from fbench.pipelines.fusion.kernels import agglomerate
-from fbench.pipelines.fusion.observations import (
-    AT_MIN_SCORE,
-    AssociationParams,
-    CameraObservation,
-    Clusters,
-    Overlap,
-    edges_for_points,
-    measure_overlap,
-)
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, AssociationParams, CameraObservation, Clusters, Overlap
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.rig import Rig
@@ -96,12 +89,12 @@ def _camera_ratios(
         rows = [i for i, s in enumerate(seen) if s.camera == camera]
         own = [seen[i] for i in rows]
         boxes = np.array([s.xyxy_px for s in own])
-        points = measure_overlap(rig, camera, lidar, edges_for_points(boxes))
+        points = observations.measure_overlap(rig, camera, lidar, observations.edges_for_points(boxes))
         # Radar heights are too poor to be used.
         margin = np.maximum(params.bearing_margin_px, 0.1 * (boxes[:, 2] - boxes[:, 0]))
         endless = np.full(len(boxes), np.inf)
         beside = np.column_stack([boxes[:, 0] - margin, -endless, boxes[:, 2] + margin, endless])
-        echoes = measure_overlap(rig, camera, radar, beside)
+        echoes = observations.measure_overlap(rig, camera, radar, beside)
         share[rows] = np.column_stack([points.num_inside, echoes.num_inside]) / np.maximum(total, 1)
         by_lidar = _near_side_ratios(own, points, params.lidar_std_m, 0.0, params.lidar_area_m2, params)
         ratio[rows, :num_lidar] = by_lidar + _shape_ratios(lidar)

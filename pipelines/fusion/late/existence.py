@@ -16,7 +16,6 @@ from fbench.pipelines.fusion.reliability import (
     saturate,
     sureness,
 )
-from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
@@ -104,7 +103,16 @@ def probabilities(evidence: Evidence, reliability: SensorReliability, params: Fu
     It learns from the objects that are probable even though a sensor that should doesn't see them, so that a sensor
     with false alarms doesn't make the others look blind.
     """
-    witnesses = _witnesses(evidence, params)
+    seen = evidence.observations
+    obstacles = seen.lidar.all_xyz  # that hide what is behind them: points as high as cars
+    if seen.plane is not None:
+        height = obstacles[:, 2] - seen.plane.z_m(obstacles)
+        obstacles = obstacles[(height > _HIDES_M[0]) & (height < _HIDES_M[1])]
+    witnesses = [_camera_witness(evidence, name, obstacles, params) for name in seen.working]
+    if len(seen.lidar.all_xyz) + len(seen.lidar.boxes):
+        witnesses.append(_lidar_witness(evidence, obstacles, params))
+    if len(seen.radar.all_xyz) + len(seen.radar.boxes):
+        witnesses.append(_radar_witness(evidence, obstacles, params))
     sure = sureness(_probabilities(evidence, witnesses, reliability, params))
     for w in witnesses:
         reliability.learn(w.name, evidence.distance_m, sure * w.could, w.seen)
@@ -142,17 +150,6 @@ def _probabilities(
     seen, added = np.array(seen_by), np.array(added_by)
     best = np.where(seen, added, -np.inf).max(axis=0)
     return probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
-
-
-def _witnesses(evidence: Evidence, params: FusionParams) -> list[Witness]:
-    seen = evidence.observations
-    obstacles = _obstacles(seen.lidar.all_xyz, seen.plane)
-    result = [_camera_witness(evidence, name, obstacles, params) for name in seen.working]
-    if len(seen.lidar.all_xyz) + len(seen.lidar.boxes):
-        result.append(_lidar_witness(evidence, obstacles, params))
-    if len(seen.radar.all_xyz) + len(seen.radar.boxes):
-        result.append(_radar_witness(evidence, obstacles, params))
-    return result
 
 
 def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: FusionParams) -> Witness:
@@ -209,14 +206,6 @@ def _radar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
     could = _in_view(evidence, eye, radar.all_xyz, params) * (1 - _hidden_shares(evidence.targets, eye, obstacles, []))
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("radar", "radar", seen, odds, confirmed_odds, could)
-
-
-def _obstacles(xyz: Float64, plane: Plane | None) -> Float64:
-    """Points (M, 3) of those (N, 3) that hide what is behind them: as high as cars."""
-    if plane is None:
-        return xyz
-    height = xyz[:, 2] - plane.z_m(xyz)
-    return xyz[(height > _HIDES_M[0]) & (height < _HIDES_M[1])]
 
 
 def _hidden_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: list[CameraObservation]) -> Float64:

@@ -1,6 +1,7 @@
 """Place, size and motion of an object, by all observations of it."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,8 +52,7 @@ class FusedObject:
     sources: int = 0  # Bits of `Source`
 
 
-@dataclass(frozen=True, eq=False)
-class _Shape:
+class _Shape(NamedTuple):
     """Box on the ground by LiDAR."""
 
     xy_m: Float64  # (2,) middle [m]
@@ -71,7 +71,10 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
     it points to the radar.
     """
     cameras = [seen.cameras[i] for i in group.cameras]
-    label = _camera_label(cameras)
+    sums: dict[str, float] = {}
+    for s in sorted(cameras, key=lambda s: s.label):
+        sums[s.label] = sums.get(s.label, 0.0) + s.score
+    label = max(sums, key=lambda name: sums[name]) if sums else ""  # the first by name on ties
     shape, radar_box = None, None if group.radar < 0 else seen.radar.boxes[np.array([group.radar])]
     if group.lidar >= 0:
         label = label if group.is_cut else _label_with_lidar(label, cameras, seen, group.lidar)
@@ -91,17 +94,12 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
     velocity = np.full(3, np.nan)
     if radar_box is not None and radar_box.velocity_mps is not None:
         velocity = radar_box.velocity_mps[0]
-        if shape is not None and shape.has_heading:
-            velocity = _along_heading(velocity, yaw)
+        speed, bearing = float(np.hypot(*velocity[:2])), float(np.arctan2(velocity[1], velocity[0]))
+        share = float(np.cos(yaw - bearing))  # NaN stays
+        is_told = shape is not None and shape.has_heading and np.isfinite(speed) and speed != 0.0
+        if is_told and abs(share) * _MOST_STRETCH >= 1.0:
+            velocity = np.array([np.cos(yaw), np.sin(yaw), 0.0]) * speed / share
     return FusedObject(np.array([*xy, _middle_z(seen, group, xy, float(size[2]))]), size, yaw, velocity, label)
-
-
-def _camera_label(cameras: list[CameraObservation]) -> str:
-    """Label with the largest sum of scores, the first by name on ties."""
-    sums: dict[str, float] = {}
-    for s in sorted(cameras, key=lambda s: s.label):
-        sums[s.label] = sums.get(s.label, 0.0) + s.score
-    return max(sums, key=lambda name: sums[name]) if sums else ""
 
 
 def _lidar_label(lidar: Clusters, at: int) -> str:
@@ -234,15 +232,6 @@ def _join(estimates: list[_Estimate]) -> Float64:
     determinant = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]
     xy = np.array([total[1, 1] * x - total[0, 1] * y, total[0, 0] * y - total[1, 0] * x])
     return np.asarray(xy / determinant, np.float64)
-
-
-def _along_heading(radial_mps: Float64, yaw_rad: float) -> Float64:
-    """Velocity (3,) whose part along the line of sight is that measured; NaN stays."""
-    speed, bearing = float(np.hypot(*radial_mps[:2])), float(np.arctan2(radial_mps[1], radial_mps[0]))
-    share = float(np.cos(yaw_rad - bearing))
-    if not np.isfinite(speed) or speed == 0.0 or abs(share) * _MOST_STRETCH < 1.0:
-        return radial_mps
-    return np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0]) * speed / share
 
 
 def _middle_z(seen: Observations, group: Association, xy: Float64, height_m: float) -> float:

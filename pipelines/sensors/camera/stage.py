@@ -37,40 +37,6 @@ def builtin_identity(own: Mapping[str, CameraParams], asked: CameraParams) -> di
     return {f"{name}.weights": describe_file(CITY_WEIGHTS) for name in used if asked.weights != CITY_WEIGHTS}
 
 
-class CameraDetectors:
-    """One detector for each distinct set of parameters; those of the kind are loaded at once. Raises ConfigError where
-    the file with the weights is missing. Raises ModelError where the weights can't be used.
-    """
-
-    def __init__(self, params: CameraParams) -> None:
-        self._params = params
-        self._loaded: dict[CameraParams, CameraDetector] = {}
-        self._detector(params)
-        self._of: dict[str, CameraDetector] = {}
-        self.identity: Mapping[str, object] = {}  # What the manifest says of weights that no parameter names
-
-    def assign(self, own: Mapping[str, CameraParams], log_info: LogInfo) -> None:
-        """Give each camera of a log the detector of its own parameters; see the class for what is raised.
-
-        On simulated logs `auto` is the built-in one.
-        """
-        own = with_builtin(own, log_info)
-        found = {name: self._detector(params) for name, params in own.items()}
-        self._of = {name: detector for name, detector in found.items() if detector is not None}
-        self.identity = builtin_identity(own, self._params)
-
-    def of(self, camera: str) -> CameraDetector | None:
-        """Return the detector of a camera; `None` where no weights are named for it."""
-        return self._of.get(camera)
-
-    def _detector(self, params: CameraParams) -> CameraDetector | None:
-        if not isinstance(params.weights, Path):
-            return None
-        if params not in self._loaded:
-            self._loaded[params] = CameraDetector(params)
-        return self._loaded[params]
-
-
 def look(
     detector: CameraDetector, image: Image, clock: StageClock, faults: list[Fault], share: float = 1.0
 ) -> CameraDetections | None:
@@ -95,28 +61,36 @@ NO_WEIGHTS = "no weights"  # Why a camera for which no detector is named isn't u
 
 
 class CameraStage:
-    """Loads the weights that parameters name, once for all logs.
+    """Loads the weights that parameters name, once for all logs; those of the kind at once.
 
     With a `share` below 1 boxes down to that share of a camera's `min_score` are found, for other sensors to confirm.
     Raises ConfigError where the file with the weights is missing. Raises ModelError where the weights can't be used.
     """
 
     def __init__(self, params: CameraParams, share: float = 1.0) -> None:
-        self._params, self._detectors, self._share = params, CameraDetectors(params), share
-        self.used: tuple[str, ...] = ()  # Names of the cameras that have weights, in order
+        self._params, self._share, self._loaded = params, share, dict[CameraParams, CameraDetector]()
+        self._load(params)
+        self.used: Mapping[str, CameraDetector] = {}  # Detectors of the cameras that have weights, by their names
         self.missing: Mapping[str, str] = {}  # The other cameras of the rig, with the reason
-
-    @property
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._detectors.identity
+        self.identity: Mapping[str, object] = {}  # Which weights are used, where no parameter names them
 
     def start(self, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> None:
-        """Take all cameras of the rig, each with its own parameters; see the class for what is raised."""
-        self._rig, cameras = rig, rig.sensors("camera")
-        self._detectors.assign(settings.own("camera", self._params), log_info)
-        self.used = tuple(name for name in cameras if self._detectors.of(name) is not None)
+        """Take all cameras of the rig, each with its own parameters; see the class for what is raised.
+
+        On simulated logs `auto` is the built-in detector.
+        """
+        own = with_builtin(settings.own("camera", self._params), log_info)
+        found = {name: self._load(params) for name, params in own.items()}
+        self._rig, self.identity, cameras = rig, builtin_identity(own, self._params), rig.sensors("camera")
+        self.used = {name: detector for name in cameras if (detector := found.get(name)) is not None}
         self.missing = {name: NO_WEIGHTS for name in cameras if name not in self.used}
+
+    def _load(self, params: CameraParams) -> CameraDetector | None:
+        if not isinstance(params.weights, Path):
+            return None
+        if params not in self._loaded:
+            self._loaded[params] = CameraDetector(params)
+        return self._loaded[params]
 
     def require_projections(self) -> None:
         """Refuse cameras that are used where points can't be projected into their images. Raises LogError naming the
@@ -132,11 +106,9 @@ class CameraStage:
         as `decode`, `preprocess` and `detect.camera`. Raises ModelError where a model fails.
         """
         found: dict[str, CameraDetections] = {}
-        for name in self.used:
-            image, detector = frame.messages.get(name), self._detectors.of(name)
-            if detector is None or not isinstance(image, Image):
-                continue
-            seen = look(detector, image, clock, faults, self._share)
-            if seen is not None:
-                found[name] = seen
+        for name, detector in self.used.items():
+            if isinstance(image := frame.messages.get(name), Image):
+                seen = look(detector, image, clock, faults, self._share)
+                if seen is not None:
+                    found[name] = seen
         return found

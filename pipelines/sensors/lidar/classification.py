@@ -35,24 +35,21 @@ def points_inside(rectangles: Float64, points: Float64, begin: Int64, end: Int64
     return result
 
 
-class SortedPoints:
-    """Points by x, so that only those between the least and greatest x of a rectangle are looked at."""
+def measure_inside(points: Float64, rectangles: Float64, margin_m: float) -> Float64:
+    """Count the points in each rectangle (M, 5 or more), as `fit_rectangles` gives them, widened by a margin [m], and
+    find the highest third coordinate of them, -inf where there are none: (M, 2).
 
-    def __init__(self, points: Float64) -> None:
-        """Take points (N, 3): x and y [m], and what is asked for about them, such as heights."""
-        self._points = np.ascontiguousarray(points[np.argsort(points[:, 0], kind="stable")])
-
-    def inside(self, rectangles: Float64, margin_m: float) -> Float64:
-        """Count the points in each rectangle (M, 5 or more), as `fit_rectangles` gives them, widened by a margin [m],
-        and find the highest third coordinate of them, -inf where there are none: (M, 2).
-        """
-        wide = np.column_stack([rectangles[:, 0], rectangles[:, [1, 3]] - margin_m, rectangles[:, [2, 4]] + margin_m])
-        cos, sin = np.cos(wide[:, :1]), np.sin(wide[:, :1])
-        x = cos * wide[:, [1, 1, 3, 3]] - sin * wide[:, [2, 4, 2, 4]]
-        # A hair more than needed, so that rounding leaves no point out.
-        begin = np.searchsorted(self._points[:, 0], x.min(axis=1) - 1e-6)
-        end = np.searchsorted(self._points[:, 0], x.max(axis=1) + 1e-6)
-        return points_inside(wide, self._points, begin, end)
+    Points (N, 3) hold x and y [m], and what is asked for about them, such as heights. They are sorted by x, so that
+    only those between the least and greatest x of a rectangle are looked at.
+    """
+    points = np.ascontiguousarray(points[np.argsort(points[:, 0], kind="stable")])
+    wide = np.column_stack([rectangles[:, 0], rectangles[:, [1, 3]] - margin_m, rectangles[:, [2, 4]] + margin_m])
+    cos, sin = np.cos(wide[:, :1]), np.sin(wide[:, :1])
+    x = cos * wide[:, [1, 1, 3, 3]] - sin * wide[:, [2, 4, 2, 4]]
+    # A hair more than needed, so that rounding leaves no point out.
+    begin = np.searchsorted(points[:, 0], x.min(axis=1) - 1e-6)
+    end = np.searchsorted(points[:, 0], x.max(axis=1) + 1e-6)
+    return points_inside(wide, points, begin, end)
 
 
 FEATURES = (
@@ -95,24 +92,18 @@ def features(standing: Standing, rectangles: Float64) -> Float64:
     bottom, top = np.minimum.reduceat(height, begin), np.maximum.reduceat(height, begin)
     upper = np.add.reduceat((height > np.repeat((bottom + top) / 2, np.diff(first))).astype(np.float64), begin)
     extent = np.sort(rectangles[:, [2, 4]] - rectangles[:, [1, 3]], axis=1)
-    over = SortedPoints(standing.tall).inside(rectangles, _OVER_MARGIN_M)
-    near = SortedPoints(standing.xy_height).inside(rectangles, _NEAR_MARGIN_M)[:, 0]
+    over = measure_inside(standing.tall, rectangles, _OVER_MARGIN_M)
+    near = measure_inside(standing.xy_height, rectangles, _NEAR_MARGIN_M)[:, 0]
     highest = np.maximum(top, over[:, 1])
+    # Gaps between neighboring ones of 0 and the heights of each cluster.
+    ordered = height[np.lexsort((height, np.repeat(np.arange(len(num)), np.diff(first))))]
+    gap = np.diff(ordered, prepend=0.0)
+    gap[begin] = ordered[begin]
     columns = (
-        extent[:, 1], extent[:, 0], highest, highest + _widest_gaps(height, begin), bottom, np.log2(num),
+        extent[:, 1], extent[:, 0], highest, highest + np.maximum.reduceat(gap, begin), bottom, np.log2(num),
         rectangles[:, 5], upper / num, over[:, 0] / (over[:, 0] + num), 1.0 - num / np.maximum(near, num),
     )  # fmt: skip
     return np.column_stack(columns)
-
-
-def _widest_gaps(height: Float64, begin: Int64) -> Float64:
-    """Widest gap (M,) between neighboring ones of 0 and the heights (N,) of each cluster [m]."""
-    cluster = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(height)))
-    ordered = height[np.lexsort((height, cluster))]
-    gap = np.diff(ordered, prepend=0.0)
-    gap[begin] = ordered[begin]
-    widest: Float64 = np.maximum.reduceat(gap, begin)
-    return widest
 
 
 FITTED = Path(__file__).with_name("road_users.json")
@@ -216,7 +207,7 @@ def plausibility(
     score *= fading(extent[:, 0], *params.most_width_m)
     score *= fading(rectangles[:, 5], *params.filling_m) * fading(num_points, *params.num_points)
     likely = np.flatnonzero(score > 0)
-    score[likely] *= fading(SortedPoints(tall).inside(rectangles[likely], params.margin_m)[:, 0], *params.num_over)
+    score[likely] *= fading(measure_inside(tall, rectangles[likely], params.margin_m)[:, 0], *params.num_over)
     return score
 
 
@@ -232,6 +223,11 @@ class Seen:
     rectangles: Float64  # (M, 6) as `fit_rectangles` gives them
     plane: Plane  # The ground
     viewpoint: Float64  # (2,) where the LiDAR is [m]
+
+
+def classify(seen: Seen, judge: str | None, car: VehicleSize, others: OtherSizes, shape: CarShapeParams) -> Boxes3D:
+    """Complete clusters to road users by the model, or to cars by rules: also where `judge` says nothing."""
+    return road_users(seen, car, others) if judge == "model" else like_cars(seen, car, shape)
 
 
 def like_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:
@@ -273,10 +269,7 @@ def _one_at_a_place(boxes: Boxes3D) -> Float64:
     return np.asarray(score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1), np.float64)
 
 
-def _complete(
-    seen: Seen, kind: Int64, sizes: tuple[VehicleSize, ...],
-    top_m: Float64, score: Float64,
-) -> Boxes3D:  # fmt: skip
+def _complete(seen: Seen, kind: Int64, sizes: tuple[VehicleSize, ...], top_m: Float64, score: Float64) -> Boxes3D:
     """Complete clusters (M,) of each kind to its size."""
     num = len(kind)
     center, size, yaw = np.zeros((num, 3)), np.zeros((num, 3)), np.zeros(num)

@@ -5,16 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, like_cars, road_users
+from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
+from fbench.pipelines.sensors.points import ground
 from fbench.pipelines.sensors.points.clustering import ClusterParams
-from fbench.pipelines.sensors.points.ground import (
-    GroundParams,
-    Plane,
-    fit_plane,
-    height_above_ground,
-    lowest_points,
-    surroundings,
-)
+from fbench.pipelines.sensors.points.ground import GroundParams, Plane
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, OtherSizes, VehicleSize, fit_rectangles
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Float64, Int64
@@ -101,13 +95,13 @@ def judging(params: LidarParams, log_info: LogInfo) -> LidarParams:
 
 def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
     """Take the ground away from points (N, 3) in body coordinates."""
-    around = surroundings(xyz, params.ground)
-    lowest, near = lowest_points(around, params.ground), around.is_near
-    plane = fit_plane(lowest, params.ground)
+    around = ground.surroundings(xyz, params.ground)
+    lowest, near = ground.lowest_points(around, params.ground), around.is_near
+    plane = ground.fit_plane(lowest, params.ground)
     if plane is None:
         near, height = np.zeros(len(xyz), np.bool_), np.zeros(len(xyz))
     else:
-        height = height_above_ground(around, lowest, plane, params.ground)
+        height = ground.height_above_ground(around, lowest, plane, params.ground)
     top = params.cluster.max_height_m
     standing = near & (height > params.ground.tolerance_m) & (height < top)
     rows, tall = np.flatnonzero(standing), np.flatnonzero(near & (height >= top) & (height < 2.5 * top))
@@ -122,7 +116,8 @@ def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarVi
 def classify_obstacles(found: Obstacles, cluster: Int64, viewpoint: Float64, params: LidarParams) -> LidarView:
     """Judge obstacles by their clusters (N,), -1 for none, seen from `viewpoint` (2,); by rules unless told."""
     xyz, cluster, seen = sort_by_cluster(found, cluster, viewpoint)
-    return LidarView(found.plane, xyz, cluster, Boxes3D.empty() if seen is None else _boxes(seen, params))
+    how = params.judge, params.size, params.sizes, params.shape
+    return LidarView(found.plane, xyz, cluster, Boxes3D.empty() if seen is None else classify(seen, *how))
 
 
 def sort_by_cluster(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tuple[Float64, Int64, Seen | None]:
@@ -143,9 +138,3 @@ def clusters(xyz: Float64, params: LidarClusterParams) -> Int64:
     """Cluster obstacles (N, 3): numbers (N,), -1 for none."""
     features = xyz if params.with_height else xyz[:, :2]
     return params.grouping.clusters(features, np.hypot(xyz[:, 0], xyz[:, 1]))
-
-
-def _boxes(seen: Seen, params: LidarParams) -> Boxes3D:
-    if params.judge == "model":
-        return road_users(seen, params.size, params.sizes)
-    return like_cars(seen, params.size, params.shape)

@@ -1,6 +1,7 @@
 """Detection by all LiDARs of a rig, timed, with long vehicles put together again."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,10 +34,7 @@ _ROUNDS = 3  # The more of a side is known, the better its heading, and the more
 _TURN_RAD = np.radians(np.arange(-10.0, 10.5, 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class _Box:
-    """A vehicle on the ground."""
-
+class _Box(NamedTuple):
     center_m: Float64  # (2,) [m]
     size_lw_m: Float64  # (2,) [m]
     yaw_rad: float
@@ -57,7 +55,11 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     rows = np.flatnonzero((boxes.label == _LABEL) & (score >= _LEAST_SCORE))
     if not len(rows):
         return view
-    high = _is_high(view)
+    high = np.zeros(len(view.xyz), np.bool_)  # points (N,) of something as high as a truck
+    if view.plane is not None:
+        height, top = view.xyz[:, 2] - view.plane.z_m(view.xyz[:, :2]), np.zeros(len(boxes) + 1)
+        np.maximum.at(top, view.cluster, np.where(view.cluster >= 0, height, 0.0))
+        high = top[view.cluster] > _HIGH_M
     for at in rows[np.lexsort((rows, -score[rows]))].tolist():
         box = _Box(center[at, :2], size[at, :2], float(yaw[at]))
         for _ in range(_ROUNDS if owner[at] == at else 0):
@@ -65,9 +67,19 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
             if not taken.any():
                 break
             owner[taken[owner]] = at
-            box = _around(view, owner, at, box, viewpoint)
-        center[at, :2], size[at, :2], yaw[at] = box.center_m, box.size_lw_m, box.yaw_rad
-    return _merge(replace(view, boxes=replace(boxes, center_m=center, size_lwh_m=size, yaw_rad=yaw)), owner)
+            # Around all its points, turned at most a little and at least as large as before.
+            xy = np.ascontiguousarray(view.xyz[(view.cluster >= 0) & (owner[view.cluster] == at), :2])
+            rectangle = fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, NEAR_M)
+            whole = complete_known(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
+            box = _Box(whole.center_m[0], whole.size_lw_m[0], float(whole.yaw_rad[0]))
+        center[at, :2], size[at, :2], yaw[at] = box
+    # Clusters are numbered anew without those that were taken; points stay sorted by cluster.
+    kept = np.flatnonzero(owner == np.arange(len(owner)))
+    cluster, clustered = np.full(len(view.cluster), -1), view.cluster >= 0
+    cluster[clustered] = np.searchsorted(kept, owner)[view.cluster[clustered]]
+    order = np.argsort(cluster, kind="stable")
+    whole_boxes = replace(boxes, center_m=center, size_lwh_m=size, yaw_rad=yaw)
+    return LidarView(view.plane, view.xyz[order], cluster[order], whole_boxes[kept])
 
 
 def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64) -> Bool:
@@ -108,28 +120,6 @@ def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> 
     return end
 
 
-def _is_high(view: LidarView) -> Bool:
-    """Tell which points (N,) belong to something as high as a truck."""
-    if view.plane is None:
-        return np.zeros(len(view.xyz), np.bool_)
-    height, top = view.xyz[:, 2] - view.plane.z_m(view.xyz[:, :2]), np.zeros(len(view.boxes) + 1)
-    np.maximum.at(top, view.cluster, np.where(view.cluster >= 0, height, 0.0))
-    return np.asarray(top[view.cluster] > _HIGH_M, np.bool_)
-
-
-def _own(view: LidarView, owner: Int64, at: int) -> Bool:
-    """Tell which points (N,) are a vehicle's."""
-    return np.asarray((view.cluster >= 0) & (owner[view.cluster] == at), np.bool_)
-
-
-def _around(view: LidarView, owner: Int64, at: int, box: _Box, viewpoint: Float64) -> _Box:
-    """Box around all points of a vehicle, turned at most a little and at least as large as before."""
-    xy = np.ascontiguousarray(view.xyz[_own(view, owner, at), :2])
-    rectangle = fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, NEAR_M)
-    whole = complete_known(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
-    return _Box(whole.center_m[0], whole.size_lw_m[0], float(whole.yaw_rad[0]))
-
-
 def _take_points(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
     """Tell which clusters (K,) belong to a vehicle."""
     boxes, num = view.boxes, len(view.boxes)
@@ -141,17 +131,6 @@ def _take_points(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
         return np.zeros(num, np.bool_)
     itself = np.isin(boxes.label, _SOLID) & (boxes.score > boxes.score[at])
     return np.asarray((share >= _MOST) & free & ~itself, np.bool_)
-
-
-def _merge(view: LidarView, owner: Int64) -> LidarView:
-    """Number clusters anew without those that were taken; points stay sorted by cluster."""
-    kept = np.flatnonzero(owner == np.arange(len(owner)))
-    number = np.searchsorted(kept, owner)
-    cluster = np.full(len(view.cluster), -1)
-    clustered = view.cluster >= 0
-    cluster[clustered] = number[view.cluster[clustered]]
-    order = np.argsort(cluster, kind="stable")
-    return LidarView(view.plane, view.xyz[order], cluster[order], view.boxes[kept])
 
 
 class LidarStage:

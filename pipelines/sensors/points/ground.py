@@ -156,18 +156,14 @@ def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
         return None
     steps = np.linspace(-params.max_tilt, params.max_tilt, 9)
     tilts = sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t))
-    plane = _fullest(lowest, np.array(tilts))
-    for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
-        plane = _refine(plane, lowest, band_m)
-    return plane
-
-
-def _fullest(lowest: Float64, slopes: Float64, band_m: float = 0.8) -> Plane:
-    """Return the first plane of those with slopes (T, 2) that holds most points in its best band of heights."""
+    slopes, band_m = np.array(tilts), 0.8
     z = np.sort(lowest[:, 2] - slopes[:, :1] * lowest[:, 0] - slopes[:, 1:] * lowest[:, 1], axis=1)
     num, begin = fullest_bands(z, band_m)
     best = int(np.argmax(num))
-    return Plane(float(slopes[best, 0]), float(slopes[best, 1]), float(z[best, begin[best]] + band_m / 2))
+    plane = Plane(float(slopes[best, 0]), float(slopes[best, 1]), float(z[best, begin[best]] + band_m / 2))
+    for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
+        plane = _refine(plane, lowest, band_m)
+    return plane
 
 
 def _refine(plane: Plane, lowest: Float64, band_m: float) -> Plane:

@@ -108,7 +108,8 @@ class Deskew:
 
     def move(self, xyz: Float64, cloud: PointCloud, rows: Int64, stamp_ns: int) -> Float64:
         """Move points (N, 3) [m] in body coordinates, which are the chosen `rows` of a sweep, to `stamp_ns`."""
-        has_times = cloud.offset_ns is not None and not self._is_frozen(cloud.sensor)
+        is_frozen = self._log_info.metadata.get(f"lidar.{cloud.sensor}.motion") == FROZEN
+        has_times = cloud.offset_ns is not None and not is_frozen
         if self._motion is None or not (has_times or cloud.stamp_ns != stamp_ns):
             return xyz
         after_ns = np.full(len(xyz), cloud.stamp_ns - stamp_ns, np.int64)
@@ -118,9 +119,6 @@ class Deskew:
             return xyz
         after_s = after_ns.astype(np.float64) * 1e-9
         return carry_points(xyz, after_s, self._motion.turn_radps, self._motion.speed_mps)
-
-    def _is_frozen(self, lidar: str) -> bool:
-        return self._log_info.metadata.get(f"lidar.{lidar}.motion") == FROZEN
 
 
 def motion(before: Pose, after: Pose) -> Motion | None:

@@ -10,16 +10,8 @@ from fbench.pipelines.sensors.points.clustering import ClusterParams
 from fbench.pipelines.sensors.points.grid import median
 from fbench.pipelines.sensors.points.merged import Echoes, radar_scans
 from fbench.pipelines.sensors.points.vehicle import VehicleSize
-from fbench.pipelines.sensors.radar.doppler import (
-    DopplerParams,
-    UnmeasuredParams,
-    add_unmeasured,
-    over_ground,
-    own_velocity,
-    strong,
-    velocity_periods,
-    with_logged_ego_motion,
-)
+from fbench.pipelines.sensors.radar import doppler
+from fbench.pipelines.sensors.radar.doppler import DopplerParams, UnmeasuredParams
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -110,25 +102,18 @@ def compensate(scans: Sequence[Echoes], own: Mapping[str, RadarParams]) -> Compe
     """Merge the echoes of one or several radars, whose parameters `own` holds by name, within range, and take the ego
     motion out of their velocities: each radar moves in its own way where the vehicle turns.
     """
-    parts = [_compensate(scan, own[scan.sensor]) for scan in scans]
+    parts = []
+    for scan in scans:
+        params = own[scan.sensor]
+        near = np.hypot(scan.xyz[:, 0], scan.xyz[:, 1]) < params.max_range_m
+        near &= ~(scan.magnitude_db < params.min_magnitude_db)  # unknown ones are NaN, and no reason to drop an echo
+        period, velocity = np.full(len(scan.xyz), scan.period_mps), doppler.own_velocity(scan, params.doppler)
+        rate, direction = doppler.over_ground(scan, velocity), scan.direction[near]
+        toward = direction[:, 0] * velocity[0] + direction[:, 1] * velocity[1]
+        moved = np.full(len(toward), np.nan) if params.doppler.ego_motion == "removed" else toward
+        is_strong = doppler.strong(scan.magnitude_db[near], params.unmeasured)
+        parts.append((scan.xyz[near], direction, rate[near], period[near], is_strong, moved))
     return Compensated(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
-def _compensate(scan: Echoes, params: RadarParams) -> tuple[Float64, Float64, Float64, Float64, Bool, Float64]:
-    near = _is_near(scan, params)
-    period = np.full(len(scan.xyz), scan.period_mps)
-    velocity = own_velocity(scan, params.doppler)
-    rate = over_ground(scan, velocity)
-    toward = scan.direction[near, 0] * velocity[0] + scan.direction[near, 1] * velocity[1]
-    own = np.full(len(toward), np.nan) if params.doppler.ego_motion == "removed" else toward
-    is_strong = strong(scan.magnitude_db[near], params.unmeasured)
-    return scan.xyz[near], scan.direction[near], rate[near], period[near], is_strong, own
-
-
-def _is_near(scan: Echoes, params: RadarParams) -> Bool:
-    """Tell which echoes (N,) are used; unknown magnitudes are NaN, and no reason to drop an echo."""
-    near = np.hypot(scan.xyz[:, 0], scan.xyz[:, 1]) < params.max_range_m
-    return np.asarray(near & ~(scan.magnitude_db < params.min_magnitude_db), np.bool_)
 
 
 def detect(echoes: Compensated, params: RadarParams) -> RadarView:
@@ -150,7 +135,7 @@ def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
     if np.isfinite(echoes.range_rate_mps).all():
         return result
     where = echoes.xyz, echoes.range_rate_mps
-    return add_unmeasured(*where, echoes.is_strong, result, grouping, params.unmeasured)
+    return doppler.add_unmeasured(*where, echoes.is_strong, result, grouping, params.unmeasured)
 
 
 def _unbroken(rate_mps: Float64, period_mps: float) -> Float64:
@@ -167,17 +152,12 @@ def _boxes(echoes: Compensated, cluster: Int64, params: RadarParams) -> Boxes3D:
     rate = np.array([median_rate(echoes.range_rate_mps[r], echoes.period_mps[r]) for r in rows])
     velocity = np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate])
     others = np.full((len(rows), 2), (size.width_m, size.height_m))
-    score = _scores(np.array([len(r) for r in rows]), center, params)
+    num, from_m = np.array([len(r) for r in rows]), params.full_score_within_m
+    growth = 1.0 if from_m is None else np.maximum(1.0, np.hypot(center[:, 0], center[:, 1]) / from_m) ** 2
+    score = 1 - np.exp(-num * growth / params.full_score_echoes)
     # A radar sees no heading: most traffic is parallel to the own way, and what is longer than a car was seen along it.
     yaw = np.where(length > size.length_m, bearing, 0.0)
     return Boxes3D(center, np.column_stack([length, others]), yaw, velocity_mps=velocity, score=score)
-
-
-def _scores(num: Int64, center_m: Float64, params: RadarParams) -> Float64:
-    """Scores (N,) of clusters with so many echoes (N,) around centers (N, 3)."""
-    from_m = params.full_score_within_m
-    growth = 1.0 if from_m is None else np.maximum(1.0, np.hypot(center_m[:, 0], center_m[:, 1]) / from_m) ** 2
-    return np.asarray(1 - np.exp(-num * growth / params.full_score_echoes), np.float64)
 
 
 def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64, float, float]:
@@ -222,11 +202,11 @@ class RadarStage:
     def __init__(self, rig: Rig, log_info: LogInfo, params: RadarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, scoring(params, log_info)
         self._own = {
-            name: replace(own, doppler=with_logged_ego_motion(name, log_info, own.doppler))
+            name: replace(own, doppler=doppler.with_logged_ego_motion(name, log_info, own.doppler))
             for name, own in settings.own("radar", params, OWN).items()
         }
         self._periods = {
-            name: velocity_periods((name,), log_info, own.doppler)[name] for name, own in self._own.items()
+            name: doppler.velocity_periods((name,), log_info, own.doppler)[name] for name, own in self._own.items()
         }
 
     def view(self, frame: Frame, clock: StageClock) -> RadarView:

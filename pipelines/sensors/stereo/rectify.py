@@ -1,6 +1,5 @@
 """Rectification: which two cameras give depth, and how their images are brought into one plane."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,22 +26,19 @@ def choose_pair(rig: Rig, log_name: str, left: str | None, right: str | None) ->
             raise ConfigError(f"stereo.{side}={name}: no such camera{did_you_mean(name, cameras)}")
     fitting = [p for p in pairs(rig) if left in (None, p.left) and right in (None, p.right)]
     if not fitting:
-        raise LogError(f"log '{log_name}': {_no_pair(rig, cameras, left, right)}", "CFG001")
+        wanted = (
+            f"stereo3d needs two cameras of one size with calibration, parallel within {MAX_ANGLE_DEG:g} degrees, 0.05 "
+            "to 2 m side by side"
+        )
+        if left is not None or right is not None:
+            wanted += f" (stereo.left={left or 'any'}, stereo.right={right or 'any'})"
+        sizes = {name: "{}x{}".format(*camera.size_wh) for name, camera in rig.cameras.items()}
+        present = ", ".join(f"{name} {sizes[name]}" if name in sizes else name for name in cameras) or "no cameras"
+        raise LogError(f"log '{log_name}': {wanted}; the log has: {present}", "CFG001")
     pair = min(fitting, key=lambda p: (-round(p.baseline_m, 6), p.left, p.right))
     for name in (pair.left, pair.right):
         require_projection(rig, name)
     return pair
-
-
-def _no_pair(rig: Rig, cameras: Sequence[str], left: str | None, right: str | None) -> str:
-    wanted = (
-        f"stereo3d needs two cameras of one size with calibration, parallel within {MAX_ANGLE_DEG:g} degrees, 0.05 to "
-        "2 m side by side"
-    )
-    if left is not None or right is not None:
-        wanted += f" (stereo.left={left or 'any'}, stereo.right={right or 'any'})"
-    sizes = [f"{n} {rig.cameras[n].size_wh[0]}x{rig.cameras[n].size_wh[1]}" if n in rig.cameras else n for n in cameras]
-    return f"{wanted}; the log has: {', '.join(sizes) or 'no cameras'}"
 
 
 @dataclass(frozen=True, eq=False)
