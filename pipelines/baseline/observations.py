@@ -7,8 +7,7 @@ import numpy as np
 
 from fbench.pipelines.baseline.boxes import PlainCloud, crop, join_clouds, make_cloud
 from fbench.pipelines.baseline.params import PlainParams, PlainSensor
-from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.camera.stage import CameraStage
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraStage
 from fbench.pipelines.sensors.points.merged import lidar_points, radar_scans
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoStage
 from fbench.replay.contracts.params import StageClock

@@ -9,8 +9,7 @@ import numpy as np
 from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Points
-from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera
-from fbench.pipelines.sensors.image.stage import InImages, Rays, nearest_dense, share_beyond
+from fbench.pipelines.sensors.image.stage import SURE, InImages, Rays, Sightings, by_camera, nearest_dense, share_beyond
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64

@@ -13,9 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from fbench.pipelines.models.batches import Batcher, View
 from fbench.pipelines.models.network import CityDetector, cell_strides, cells
-from fbench.pipelines.models.samples import CLASSES, Sample, TrainingSettings
+from fbench.pipelines.models.samples import CLASSES, Batcher, Sample, TrainingSettings, View
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams
-from fbench.pipelines.sensors.camera.stage import CameraStage
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams, CameraStage
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.tracker2d import Tracker2D

@@ -11,12 +11,10 @@ from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams
-from fbench.pipelines.sensors.camera.stage import CameraStage
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams, CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
 from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, projectable
-from fbench.pipelines.sensors.lidar.lidar import LidarParams
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage
 from fbench.pipelines.sensors.parallel import Branches
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage

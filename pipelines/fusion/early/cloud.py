@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.lidar import LidarParams, Obstacles, obstacles
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage, Obstacles, obstacles
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.radar import Compensated

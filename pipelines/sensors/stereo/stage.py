@@ -16,8 +16,15 @@ from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.points.vehicle import VehicleSize, fading
 from fbench.pipelines.sensors.stereo import depth as quality
-from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams, points
-from fbench.pipelines.sensors.stereo.rectify import choose_pair, rectifier
+from fbench.pipelines.sensors.stereo.depth import (
+    DepthParams,
+    DisparityParams,
+    Matcher,
+    QualityParams,
+    choose_pair,
+    points,
+    rectifier,
+)
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.data.arrays import Float64

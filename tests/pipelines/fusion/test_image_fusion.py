@@ -9,9 +9,8 @@ from fbench.pipelines.fusion.image import ImageFusionParams, ImageView, associat
 from fbench.pipelines.fusion.reliability import CameraReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import SpotParams, spots
-from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera, by_points
 from fbench.pipelines.sensors.image.params import LidarImageParams
-from fbench.pipelines.sensors.image.stage import Rays
+from fbench.pipelines.sensors.image.stage import SURE, Rays, Sightings, by_camera, by_points
 from fbench.replay.data.boxes import Source
 
 DEFAULT = LidarImageParams()
