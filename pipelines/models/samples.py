@@ -54,8 +54,7 @@ class Sample:
     @property
     def is_ignored(self) -> Bool:
         """(N,)."""
-        ignored: Bool = self.class_id < 0
-        return ignored
+        return self.class_id < 0
 
 
 def samples(logs: Sequence[Path]) -> list[Sample]:
@@ -177,8 +176,7 @@ def _in_other_light(rgb: Pixels, draw: np.random.Generator) -> Pixels:
 
 def _area(xyxy: Float64) -> Float64:
     sides = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 0)
-    area: Float64 = sides[:, 0] * sides[:, 1]
-    return area
+    return sides[:, 0] * sides[:, 1]
 
 
 @dataclass(frozen=True)

@@ -111,8 +111,7 @@ class Plane:
 
     def z_m(self, xyz: Float64) -> Float64:
         """Height (N,) [m] of the plane at points (N, 2 or 3)."""
-        z: Float64 = self.slope_x * xyz[:, 0] + self.slope_y * xyz[:, 1] + self.height_m
-        return z
+        return self.slope_x * xyz[:, 0] + self.slope_y * xyz[:, 1] + self.height_m
 
 
 @dataclass(frozen=True, eq=False)

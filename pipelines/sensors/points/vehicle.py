@@ -96,14 +96,12 @@ def _facing(rectangles: Float64, viewpoint: Float64) -> Float64:
 
 def half_turn(angle_rad: Float64) -> Float64:
     """Wrap headings [rad] to [-pi/2, pi/2)."""
-    wrapped: Float64 = (angle_rad + np.pi / 2) % np.pi - np.pi / 2
-    return wrapped
+    return (angle_rad + np.pi / 2) % np.pi - np.pi / 2
 
 
 def fading(value: Array, good: float, bad: float) -> Float64:
     """Return 1 where values are at `good` or beyond, 0 at `bad` or beyond, linear between."""
-    share: Float64 = np.clip((bad - np.asarray(value, np.float64)) / (bad - good), 0.0, 1.0)
-    return share
+    return np.clip((bad - np.asarray(value, np.float64)) / (bad - good), 0.0, 1.0)
 
 
 def _unit(angle_rad: Float64) -> Float64:

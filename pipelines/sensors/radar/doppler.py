@@ -124,8 +124,7 @@ def wrap_velocity(velocity_mps: Float64, period_mps: float) -> Float64:
     """Take velocities [m/s] to the nearest multiple of the period; unchanged where that is 0."""
     if period_mps <= 0:
         return velocity_mps
-    result: Float64 = velocity_mps - period_mps * np.floor(velocity_mps / period_mps + 0.5)
-    return result
+    return velocity_mps - period_mps * np.floor(velocity_mps / period_mps + 0.5)
 
 
 def sensor_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
