@@ -204,9 +204,7 @@ def label_points(xyz: Float64, rig: Rig, cameras: Mapping[str, CameraDetections]
 
 
 def cluster_labels(cluster: Int64, label: Text, least_share: float) -> Text:
-    """Label of each cluster: the most frequent one among its points (N,), the first by name on ties; empty where fewer
-    than `least_share` of its points carry any.
-    """
+    """Most frequent label of each cluster's points (N,), the first by name on ties; empty below `least_share`."""
     rows = members(cluster)
     result: Text = np.full(len(rows), "", "U16")
     for number, own in enumerate(label[own] for own in rows):
@@ -243,7 +241,6 @@ def merge_boxes(parts: Sequence[Extents], min_iou: float) -> Extents:
 
 
 def _complete(boxes: Extents, others: Extents, partner: Int64) -> Extents:
-    """Add what others know to the boxes (M,) that they join."""
     distance, rate, label = boxes.distance_m.copy(), boxes.range_rate_mps.copy(), boxes.label.copy()
     score, sources = boxes.score.copy(), boxes.sources.copy()
     for row, at in enumerate(partner):

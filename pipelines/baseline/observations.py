@@ -32,18 +32,14 @@ class PlainObservations:
 
 
 class PlainSensors:
-    """The sensors that the parameters name. Raises ConfigError where the file with the camera's weights is missing.
-    Raises ModelError where these weights can't be used.
-    """
+    """The sensors that parameters name. Raises ConfigError or ModelError where weights are missing or unusable."""
 
     def __init__(self, params: PlainParams) -> None:
         self._params, self.cameras = params, CameraStage(params.camera)
         self.with_camera = "camera" in params.uses  # Whether boxes have labels
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take the sensors of the rig. Raises ConfigError where a setting by sensor isn't one of a camera. Raises
-        LogError where stereo is used and the rig has no pair.
-        """
+        """Take the sensors. Raises ConfigError where a setting is no camera's, LogError without a stereo pair."""
         params, settings = self._params, SensorSettings(self._params, rig)
         for kind in KINDS:  # whose points have common parameters
             settings.own(kind, getattr(params, kind), ())

@@ -57,9 +57,7 @@ class Plain3D(TrackingPipeline[Boxes3D]):
         self._params, self._sensors = params, PlainSensors(params)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take the sensors of the rig that are used. Raises LogError where it has none but cameras, or a camera that is
-        to be used can't be projected into.
-        """
+        """Take the sensors. Raises LogError where there are none but cameras, or a used one has no projection."""
         uses = self._params.uses
         if "stereo" not in uses:
             require("plain3d", tuple(kind for kind in KINDS if kind in uses), rig, log_info)

@@ -112,7 +112,6 @@ def _columns(*columns: tuple[int, Array | None, str]) -> Pieces:
 
 
 def _nested(number: int, pieces: Sequence[bytes | memoryview]) -> Pieces:
-    """One length-delimited field."""
     return [_varint(number << 3 | 2) + _varint(sum(map(len, pieces))), *pieces]
 
 
@@ -138,9 +137,7 @@ class ProtocolError(DataError):
 
 
 def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
-    """Decode the answer to request number `sequence`. Raises ProtocolError where it can't be decoded, or answers
-    another request.
-    """
+    """Decode the answer to request `sequence`. Raises ProtocolError where it can't be, or answers another request."""
     try:
         response = schema.Response.FromString(bytes(data))
     except ProtobufError as error:
@@ -153,9 +150,7 @@ def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
 
 
 def to_output(output: schema.Output) -> Output:
-    """Return what a program found in a frame. Raises DataError where boxes are incomplete or not finite, saying which
-    field.
-    """
+    """Return what a program found. Raises DataError naming the field where boxes are incomplete or not finite."""
     _require_short("missing", [*output.missing, *output.missing.values()], 2 * _MAX_MISSING)
     _require_short("stages", [stage.name for stage in output.stages], _MAX_STAGES)
     detections, tracks = (_read_boxes(name, output) for name in ("detections", "tracks"))
@@ -214,7 +209,6 @@ def _boxes2d(name: str, boxes: schema.Boxes2D) -> Boxes2D:
 
 
 def _common(name: str, boxes: schema.Boxes3D | schema.Boxes2D) -> dict[str, Any]:
-    """Fields of both kinds of boxes."""
     if boxes.sources and max(boxes.sources) > _ALL_SOURCES:
         raise DataError(f"{name}.sources: expected sums of 1, 2, 4 and 8, got {max(boxes.sources)}")
     return {

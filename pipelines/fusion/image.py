@@ -223,9 +223,7 @@ def _inside_shares(a: Float64, b: Float64) -> Float64:
 
 
 def _drop_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
-    """Leave out groups that are a part of what a camera, sure of it, and another sensor show together; not those of
-    which a camera is surer.
-    """
+    """Leave out parts of what a sure camera and another sensor show together, unless a camera is surer of the part."""
     sure = (seen.source == int(Source.C)) & ~seen.weak
     whole = [rows for rows in groups if sure[rows[0]] and len(rows) > 1]
     boxes, depths = (np.array([rows[k] for rows in whole], np.int64) for k in (0, 1))

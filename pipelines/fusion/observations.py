@@ -78,9 +78,7 @@ class CameraObservation:
 def observe_camera(
     rig: Rig, camera: str, found: CameraDetections, plane: Plane | None, params: AssociationParams
 ) -> list[CameraObservation]:
-    """Lift the boxes of one image whose label has a typical size; those that no ray leads to are left out, and those
-    that aren't finite.
-    """
+    """Lift finite boxes of one image whose label has a typical size, and that a ray leads to."""
     finite = np.isfinite(found.xyxy_px).all(axis=1) & np.isfinite(found.score)
     rows = [i for i in np.flatnonzero(finite) if str(found.label[i]) in SIZES]
     lifted = [_lift(rig, camera, found, int(i), plane, params) for i in rows]
@@ -146,7 +144,7 @@ def _lift(
     depth, std = model.K[1, 1] * height / high_px, height_std
     if plane is not None and not is_low:
         tilt_std_rad = params.tilt_std_rad + params.edge_std_px / model.K[1, 1]
-        depth, std = _join_depths((depth, std), _depth_on_ground(ray, eye, plane, tilt_std_rad))
+        depth, std = _join_ground((depth, std), ray, eye, plane, tilt_std_rad)
     tall = (bottom - top) * depth / model.K[1, 1]
     if label in ("truck", "bus") and tall < LOW_TRUCK_M:
         length, width = SIZES["van"].lwh_m[:2]
@@ -176,31 +174,27 @@ def _lift(
     )
 
 
-def _depth_on_ground(ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float) -> tuple[float, float] | None:
-    """Depth at which a ray meets the ground, and its relative error: distance times tilt over height."""
+def _join_ground(
+    by_height: tuple[float, float], ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float
+) -> tuple[float, float]:
+    """Mean of two depths, by height and where the ray meets the ground, weighted by their relative errors; that on the
+    ground is distance times tilt over height. Where they contradict, heights count less.
+    """
     above = float(eye[2] - plane.slope_x * eye[0] - plane.slope_y * eye[1] - plane.height_m)
     fall = float(plane.slope_x * ray[0] + plane.slope_y * ray[1] - ray[2])
     if above <= 0 or fall <= 0.005:
-        return None
-    depth = above / fall
-    return depth, float(np.hypot(0.04, depth * tilt_std_rad / above))
-
-
-def _join_depths(by_height: tuple[float, float], by_ground: tuple[float, float] | None) -> tuple[float, float]:
-    """Mean of two guesses, weighted by their relative errors; where they contradict, heights count less."""
-    if by_ground is None:
         return by_height
-    weight_h, weight_g = by_height[1] ** -2, by_ground[1] ** -2
-    if abs(np.log(by_ground[0] / by_height[0])) > 3 * np.hypot(by_ground[1], by_height[1]):
+    depth = above / fall
+    std = float(np.hypot(0.04, depth * tilt_std_rad / above))
+    weight_h, weight_g = by_height[1] ** -2, std**-2
+    if abs(np.log(depth / by_height[0])) > 3 * np.hypot(std, by_height[1]):
         weight_h *= 0.1
-    log = (weight_h * np.log(by_height[0]) + weight_g * np.log(by_ground[0])) / (weight_h + weight_g)
+    log = (weight_h * np.log(by_height[0]) + weight_g * np.log(depth)) / (weight_h + weight_g)
     return float(np.exp(log)), float((weight_h + weight_g) ** -0.5)
 
 
 def outline_overlaps(rig: Rig, camera: str, boxes: Boxes3D, xyxy_px: Float64) -> Float64:
-    """IoU (N,) of boxes (N) in body coordinates, projected, with rectangles (N, 4) in the image of a camera; 0 for
-    those that can't be projected.
-    """
+    """IoU (N,) of projected boxes (N) in body coordinates with rectangles (N, 4); 0 for those that don't project."""
     outlines, _ = project_boxes(rig, camera, boxes)
     sides = np.minimum(outlines[:, 2:], xyxy_px[:, 2:]) - np.maximum(outlines[:, :2], xyxy_px[:, :2])
     common = np.maximum(sides, 0.0).prod(axis=1)

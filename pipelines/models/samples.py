@@ -13,7 +13,6 @@ from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image
 from fbench.replay.logs.open import open_log
@@ -77,19 +76,16 @@ def _of_log(path: Path) -> Iterator[Sample]:
     labeled = {str(camera) for boxes in truths.values() for camera in boxes.camera}
     for message in log.messages():
         if isinstance(message, Image) and message.sensor in labeled and message.stamp_ns in truths:
-            yield _sample(f"{log.info.name} {log.info.log_id}", message, truths[message.stamp_ns])
-
-
-def _sample(log: str, image: Image, truth: Boxes2D) -> Sample:
-    mine = truth.camera == image.sensor
-    ids = np.full(len(truth), -1)
-    if truth.label is not None:
-        for index, label in enumerate(CLASSES):
-            ids[truth.label == label] = index
-    if truth.ignore is not None:
-        ids[truth.ignore] = -1
-    name = f"{log} {image.sensor} {image.stamp_ns}"
-    return Sample(name, image, truth.xyxy_px[mine] + 0.5, ids[mine].astype(np.int64))
+            truth = truths[message.stamp_ns]
+            ids = np.full(len(truth), -1)
+            if truth.label is not None:
+                for index, label in enumerate(CLASSES):
+                    ids[truth.label == label] = index
+            if truth.ignore is not None:
+                ids[truth.ignore] = -1
+            mine = truth.camera == message.sensor
+            name = f"{log.info.name} {log.info.log_id} {message.sensor} {message.stamp_ns}"
+            yield Sample(name, message, truth.xyxy_px[mine] + 0.5, ids[mine].astype(np.int64))
 
 
 _KEPT = 0.35  # Boxes of which less than this share is in the view are ignored
@@ -132,7 +128,6 @@ def whole(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], draw: np.ran
 def _view(
     sample: Sample, pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int], draw: np.random.Generator
 ) -> View:
-    """Show the window at `corner` [px of the image]."""
     shown = _scale(pixels, corner, scale, size_wh)
     xyxy = (sample.xyxy - np.tile(corner, 2)) * scale
     if draw.random() < 0.5:

@@ -20,7 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from http.client import HTTPMessage
 from pathlib import Path
-from typing import IO, Any, BinaryIO, Literal, TypeAlias
+from typing import IO, Any, Literal, TypeAlias
 from urllib.parse import urljoin, urlsplit
 
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
@@ -33,10 +33,9 @@ _DEIMV2 = (
     "https://raw.githubusercontent.com/Kazuhito00/DEIMv2-ONNX-Sample/f88d4382abca74edb26ed4c7f46190ac40da0ea5/model"
 )
 # GitHub sends who asks for a file of a release to one of these.
-_GITHUB = (
-    "https://github.com",
-    "https://release-assets.githubusercontent.com",
-    "https://objects.githubusercontent.com",
+_GITHUB = tuple(
+    f"https://{host}"
+    for host in ("github.com", "release-assets.githubusercontent.com", "objects.githubusercontent.com")
 )
 _RAW = ("https://raw.githubusercontent.com",)
 
@@ -104,9 +103,7 @@ BLOCK_BYTES = 1 << 20
 
 
 def weights_folder() -> Path:
-    """Return where weights are kept: `weights` in fbench's cache. Raises ConfigError where the user has no home folder,
-    and `FBENCH_CACHE` names no other.
-    """
+    """Folder `weights` in fbench's cache. Raises ConfigError without a home folder or another in `FBENCH_CACHE`."""
     try:
         return fbench_cache() / "weights"
     except RuntimeError as error:
@@ -143,8 +140,22 @@ def store(entry: Entry, blocks: Iterable[bytes], source: str, target: Path) -> N
     partial = target.with_name(f".{target.name}.partial-{os.getpid()}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
+        digest, num_bytes = hashlib.sha256(), 0
         with partial.open("wb") as out:
-            _copy(entry, blocks, source, out)
+            for block in blocks:
+                num_bytes += len(block)
+                if num_bytes > entry.num_bytes:
+                    raise ModelError(f"{source}: longer than the {entry.num_bytes} bytes of {entry.name}, not taken")
+                digest.update(block)
+                out.write(block)
+        if num_bytes < entry.num_bytes:
+            raise ModelError(
+                f"{source}: ends after {num_bytes} of the {entry.num_bytes} bytes of {entry.name}, fetch it again"
+            )
+        if (found := digest.hexdigest()) != entry.sha256:
+            raise ModelError(
+                f"{source}: isn't {entry.name} as published, not taken (sha256 {found}, expected {entry.sha256})"
+            )
         partial.replace(target)
     except OSError as error:
         raise ModelError(
@@ -154,25 +165,6 @@ def store(entry: Entry, blocks: Iterable[bytes], source: str, target: Path) -> N
     finally:
         with suppress(OSError):  # where the folder can't be written, nothing is there
             partial.unlink(missing_ok=True)
-
-
-def _copy(entry: Entry, blocks: Iterable[bytes], source: str, out: BinaryIO) -> None:
-    digest, num_bytes = hashlib.sha256(), 0
-    for block in blocks:
-        num_bytes += len(block)
-        if num_bytes > entry.num_bytes:
-            raise ModelError(f"{source}: longer than the {entry.num_bytes} bytes of {entry.name}, not taken")
-        digest.update(block)
-        out.write(block)
-    if num_bytes < entry.num_bytes:
-        raise ModelError(
-            f"{source}: ends after {num_bytes} of the {entry.num_bytes} bytes of {entry.name}, fetch it again"
-        )
-    if digest.hexdigest() != entry.sha256:
-        raise ModelError(
-            f"{source}: isn't {entry.name} as published, not taken (sha256 {digest.hexdigest()}, "
-            f"expected {entry.sha256})"
-        )
 
 
 Weights: TypeAlias = Literal["auto"] | Path | None
@@ -215,15 +207,9 @@ TIMEOUT_S = 30.0
 
 
 def downloaded(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iterator[bytes]:
-    """Yield the content of an entry's address as it comes in; proxies are taken from the environment.
-
-    Args:
-        entry: What to fetch.
-        target: Where the file belongs; errors say so to who must fetch it by hand.
-        timeout_s: Longest wait for an answer, or for the next bytes.
-
-    Raises:
-        ModelError: where the address can't be reached, or leads where the entry doesn't allow.
+    """Yield the content of an entry's address as it comes in; proxies are taken from the environment. Raises ModelError
+    where the address can't be reached, or leads where the entry doesn't allow; it says that the file belongs at
+    `target`. `timeout_s` is the longest wait [s] for an answer, or for the next bytes.
     """
     opener = urllib.request.build_opener(_Redirects(entry))
     request = urllib.request.Request(entry.url, headers={"User-Agent": "fbench"})  # noqa: S310 from the catalogue
@@ -241,8 +227,6 @@ def downloaded(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iter
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
-    """Follows only to the origins of an entry."""
-
     def __init__(self, entry: Entry) -> None:
         self._entry = entry
 

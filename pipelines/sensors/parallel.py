@@ -49,8 +49,6 @@ class Branches:
 
 
 class _Run:
-    """One branch of one frame."""
-
     def __init__(self, branch: Callable[[StageClock], Any]) -> None:
         self._branch, self.clock, self.result = branch, StageClock(), None
         self.error: BaseException | None = None

@@ -28,8 +28,6 @@ _PERIODS = 9
 
 @dataclass(eq=False)
 class _Held:
-    """A result that was read."""
-
     truth: Truth
     stamp_ns: int
     is_done: bool = False  # Whether a frame took it, or it was counted as one that none took
@@ -131,9 +129,7 @@ def _distance(held: _Held, frame: Frame) -> tuple[int, int]:
 
 
 def _counted(truth: Truth, frame: Frame) -> tuple[int, int] | None:
-    """Number of a result that says of which frame it is, and that of a frame, both as the log counts or as fbench does;
-    `None` where stamps tell.
-    """
+    """Numbers of a result's frame and of a frame, both by the log's count or fbench's; `None` where stamps tell."""
     if truth.frame_index is None:
         return None
     if truth.frame_number is not None and frame.frame_number is not None:

@@ -65,7 +65,6 @@ def _corners(box: Float64, origin: Float64, points: Float64, start: int) -> None
 
 @kernel
 def _sort(points: Float64) -> None:
-    """By x, then y."""
     for i in range(1, len(points)):
         x, y = points[i, 0], points[i, 1]
         k = i

@@ -93,7 +93,10 @@ class Tracker3D(Tracker[Boxes3D]):
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         p, center, found = self._params, tracks.states.place, detections["center_m"]
         if p.association == "distance":
-            return association.nearness(distance_bev(center, found), self._gate_m(tracks, stamp_ns)), 0.0
+            has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._ego.known else np.False_
+            grow_mps = np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
+            gate_m = p.gate_m + grow_mps * ((stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9)
+            return association.nearness(distance_bev(center, found), gate_m), 0.0
         if p.association == "mahalanobis":
             near = association.mahalanobis_nearness(tracks.states, found, self._measured_std, p.max_mahalanobis)
             return near, 0.0
@@ -102,14 +105,6 @@ class Tracker3D(Tracker[Boxes3D]):
         if p.association == "giou":
             return association.as_similarity(association.giou_3d(a, b)), (p.min_giou + 1.0) / 2.0
         return association.footprint_iou(a, b), p.min_iou
-
-    def _gate_m(self, tracks: Tracks, stamp_ns: int) -> Float64:
-        """Greatest distance of a detection from each track (T,) [m]."""
-        p = self._params
-        has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._ego.known else np.False_
-        grow_mps = np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
-        unmeasured_s = (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
-        return np.asarray(p.gate_m + grow_mps * unmeasured_s, np.float64)
 
     def _carry(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
         """Means where the parameters ask for them, else what was measured."""

@@ -139,9 +139,7 @@ class Tracker(ABC, Generic[B]):
         return self._report(self._tracks, pose)
 
     def predict(self, stamp_ns: int, world_T_body: Float64 | None = None) -> B:
-        """Return where the tracks are at an instant without detection, so that none missed anything. Raises DataError:
-        see `step`.
-        """
+        """Return tracks at an instant without detection, so that none missed anything. Raises DataError: see `step`."""
         pose = self._take_pose(stamp_ns, world_T_body)
         if self._tracks is None:
             return self._report(self._begin(self._columns(self.kind.empty()), stamp_ns), pose)
@@ -150,7 +148,6 @@ class Tracker(ABC, Generic[B]):
         return self._report(self._tracks, pose)
 
     def _begin(self, detections: Columns, stamp_ns: int) -> Tracks:
-        """Birth: each of the detections (N) begins a track with the next id."""
         num, first_id = len(detections["score"]), self._next_id
         self._next_id += num
         return Tracks(
@@ -164,7 +161,6 @@ class Tracker(ABC, Generic[B]):
         )
 
     def _follow(self, tracks: Tracks, detections: Columns, weak: Bool, stamp_ns: int) -> Tracks:
-        """Measure the predicted tracks, end those that were missed too often, and begin new ones."""
         similarity, least = self._similarity(tracks, detections, stamp_ns)
         similarity[are_rivals(tracks.last["label"], detections["label"])] = 0.0
         at, columns = associate_weak_last(similarity, least, weak)
@@ -208,7 +204,6 @@ class Tracker(ABC, Generic[B]):
         return None
 
     def _move(self, detections: Columns, dst_T_src: Float64) -> Columns:
-        """Move detections to other coordinates."""
         return detections
 
     def _columns(self, boxes: Boxes2D | Boxes3D) -> Columns:

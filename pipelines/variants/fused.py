@@ -149,9 +149,7 @@ class Early2D(FusedImages):
 
 
 class Late2D(FusedImages):
-    """Each sensor detects on its own, as in `camera2d`, `lidar2d` and `radar2d`; their boxes are merged in the images,
-    and tracked.
-    """
+    """Sensors detect as in `camera2d`, `lidar2d` and `radar2d`; their boxes are merged in the images, and tracked."""
 
     name, merges_points = "late2d", False
 

@@ -57,9 +57,7 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all LiDARs of the rig, and the cameras that can be projected into. Raises LogError where it has no
-        LiDAR, or no such camera.
-        """
+        """Take all LiDARs, and cameras with a projection. Raises LogError where either is missing."""
         require("lidar2d", ("lidar",), rig, log_info)
         cameras = projectable("lidar2d", rig, log_info)
         points = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))

@@ -50,18 +50,14 @@ class Radar3DParams(RadarAloneParams):
 
 
 class Radar2D(TrackingPipeline[Boxes2D]):
-    """Boxes in the images of all cameras from all radars, with their range rate; images aren't decoded. They have no
-    class.
-    """
+    """Boxes without class, with range rate, in the images of all cameras from all radars; images aren't decoded."""
 
     def __init__(self, params: Radar2DParams = Radar2DParams()) -> None:
         super().__init__(Tracker2D(params.tracking), params.detect_every)
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all radars of the rig, and the cameras that can be projected into. Raises LogError where it has no
-        radar, or no such camera.
-        """
+        """Take all radars, and cameras with a projection. Raises LogError where either is missing."""
         require("radar2d", ("radar",), rig, log_info)
         cameras, params = projectable("radar2d", rig, log_info), self._params
         echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))

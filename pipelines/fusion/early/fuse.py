@@ -131,9 +131,7 @@ def _existence(
     overlap: Float64,
     params: ExistenceParams,
 ) -> Float64:
-    """Probability (M,) that groups are road users, given that by shape alone (M,), NaN where they have none, and the
-    IoU (M,) of their projected box with the camera's, NaN without.
-    """
+    """Probability (M,) of groups, given that by shape (M,) and the boxes' IoU (M,), NaN where there is none."""
     scores = np.array([one.score for one in seen.observations] or [np.nan])
     camera_score = np.where(groups.observation >= 0, scores[groups.observation], np.nan)
     is_sure = np.array([one.is_sure for one in seen.observations] + [False])[groups.observation]
@@ -158,7 +156,6 @@ def _existence(
 
 
 def _limited_odds(probability: Float64, most: float) -> Float64:
-    """Logarithm of odds (M,), NaN where the probability is."""
     return np.asarray(np.clip(log_odds(probability, 1e-9), -most, most), np.float64)
 
 

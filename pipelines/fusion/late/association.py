@@ -132,9 +132,7 @@ def _near_side_ratios(
 
 
 def _shape_ratios(lidar: Clusters) -> Float64:
-    """What looks (K,) add to the ratios of LiDAR clusters: nearly nothing else looks like a road user, but of those
-    not all do.
-    """
+    """What shapes (K,) add to ratios of LiDAR clusters: few other things look like road users, which don't all do."""
     return np.asarray(np.log(_SHAPELESS + _SHAPELY * np.clip(lidar.score, 0.0, 1.0)), np.float64)
 
 

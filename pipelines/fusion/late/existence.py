@@ -209,9 +209,7 @@ def _radar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
 
 
 def _hidden_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: list[CameraObservation]) -> Float64:
-    """Share (N,) of each object's width that something nearer hides from `eye_m` (2,): LiDAR points (M, 3), or what
-    a camera there sees.
-    """
+    """Share (N,) of objects' widths hidden from `eye_m` (2,) by nearer points (M, 3), or what a camera there sees."""
     nearest = nearest_by_bearing(np.ascontiguousarray(points[:, :2] - eye_m), _BINS)
     for s in boxes:
         begin, end = (int(np.floor(_bin(np.array(s.bearing_rad + side * s.half_rad)))) for side in (-1, 1))

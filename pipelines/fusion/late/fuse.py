@@ -236,9 +236,7 @@ def _holds(box: FusedObject, other: FusedObject) -> bool:
 
 
 def _are_in_line(found: FusedObject, other: FusedObject) -> bool:
-    """Whether an object whose distance only a camera guesses is another one, seen twice: it lies in its direction,
-    about as far away.
-    """
+    """Whether what a camera alone places is another object, seen twice: in its direction, about as far away."""
     if found.sources & Source.L or np.isfinite(found.velocity_mps).any():
         return False
     (x, y), (u, v) = (f.center_m[:2].tolist() for f in (found, other))

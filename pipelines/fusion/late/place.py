@@ -53,8 +53,6 @@ class FusedObject:
 
 
 class _Shape(NamedTuple):
-    """Box on the ground by LiDAR."""
-
     xy_m: Float64  # (2,) middle [m]
     size_lwh_m: Float64
     yaw_rad: float
@@ -108,9 +106,7 @@ def _lidar_label(lidar: Clusters, at: int) -> str:
 
 
 def _label_with_lidar(label: str, cameras: list[CameraObservation], seen: Observations, at: int) -> str:
-    """Label by camera and LiDAR: cameras know classes better, LiDAR sizes, so that it decides where an object is larger
-    than what the camera takes it for.
-    """
+    """Label by camera, which knows classes better, unless LiDAR, which knows sizes, shows that it is larger."""
     own = _lidar_label(seen.lidar, at)
     if not own or not label:
         return own or label
@@ -226,7 +222,6 @@ def _estimate(xy: Float64, axis_rad: float, std_along_m: float, std_across_m: fl
 
 
 def _join(estimates: list[_Estimate]) -> Float64:
-    """Mean (2,) [m]."""
     total = sum((weight for _, weight in estimates), np.zeros((2, 2)))
     x, y = sum((weight[:, 0] * xy[0] + weight[:, 1] * xy[1] for xy, weight in estimates), np.zeros(2))
     determinant = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]

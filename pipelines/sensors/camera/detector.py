@@ -103,23 +103,16 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
     """
     boxes = Candidates.join([*parts, NO_CANDIDATES]).sort()[:MAX_BOXES]
     group = np.where(np.isin(boxes.label, VEHICLES), "vehicle", boxes.label)
-    rivals = (iou_2d(boxes.xyxy, boxes.xyxy) > iou) | (_containment(boxes.xyxy) > containment)
+    xyxy = boxes.xyxy
+    low, high = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2]), np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
+    overlap, area = np.prod(np.clip(high - low, 0, None), axis=2), np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
+    rivals = (iou_2d(xyxy, xyxy) > iou) | (overlap / np.minimum(area[:, None], area[None, :]) > containment)
     rivals &= group[:, None] == group[None, :]
     alive = np.ones(len(boxes), bool)
     for i in range(len(boxes)):
         if alive[i]:
             alive[i + 1 :] &= ~rivals[i, i + 1 :]
     return boxes[alive]
-
-
-def _containment(xyxy: Float64) -> Float64:
-    """Intersection of each two boxes by the area of the smaller one (N, N)."""
-    low = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2])
-    high = np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
-    overlap = np.prod(np.clip(high - low, 0, None), axis=2)
-    area = np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
-    share: Float64 = overlap / np.minimum(area[:, None], area[None, :])
-    return share
 
 
 _THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
@@ -185,9 +178,7 @@ class Prepared:
 
 
 class CameraDetector:
-    """Finds road users in images with one ONNX model. Raises ConfigError where no weights are named, or the file is
-    missing. Raises ModelError where the weights can't be used.
-    """
+    """Finds road users with an ONNX model. Raises ConfigError without weights or file, ModelError where unusable."""
 
     def __init__(self, params: CameraParams) -> None:
         if not isinstance(params.weights, Path):
@@ -298,9 +289,7 @@ class CameraStage:
         return self._loaded[params]
 
     def require_projections(self) -> None:
-        """Refuse cameras that are used where points can't be projected into their images. Raises LogError naming the
-        first such camera, and why.
-        """
+        """Refuse used cameras without a projection. Raises LogError naming the first one, and why."""
         for name in self.used:
             require_projection(self._rig, name)
 

@@ -124,9 +124,7 @@ def labels_by_name(names: Mapping[int, str]) -> ClassLabels:
 
 
 def parse_names(text: str) -> dict[int, str]:
-    """Read the `names` entry of Ultralytics metadata: a Python dict or list, written as text. Raises ModelError where
-    it is anything else.
-    """
+    """Read Ultralytics' entry `names`, a Python dict or list as text. Raises ModelError where it is anything else."""
     try:
         value = ast.literal_eval(text)
     except (ValueError, SyntaxError, MemoryError, RecursionError) as error:

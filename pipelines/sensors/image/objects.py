@@ -181,24 +181,17 @@ def outlines(rig: Rig, camera: str, groups: Groups, uv_px: Float64, depth_m: Flo
     begin = groups.first[:-1]
     low = np.minimum.reduceat(uv_px, begin) - margin_px
     high = np.maximum.reduceat(uv_px, begin) + margin_px
-    high[:, 1] = np.fmax(high[:, 1] - margin_px, _feet(rig, camera, groups, depth_m))
+    number = np.repeat(np.arange(len(groups)), np.diff(groups.first))
+    foot = groups.cloud.xyz[np.lexsort((depth_m, number))[begin]].copy()
+    if groups.cloud.plane is not None:
+        foot[:, 2] = groups.cloud.plane.z_m(foot)
+    high[:, 1] = np.fmax(high[:, 1] - margin_px, project_body(rig, camera, foot)[0][:, 1])  # NaN isn't seen
     width, height = rig.cameras[camera].size_wh
     low = np.maximum(low, -0.5)
     high = np.minimum(high, [width - 0.5, height - 0.5])
     result = np.concatenate([low, high], axis=1)
     result[~np.all(high > low, axis=1)] = np.nan
     return result
-
-
-def _feet(rig: Rig, camera: str, groups: Groups, depth_m: Float64) -> Float64:
-    """Where the nearest point of each group meets the ground, (M,) [px] from the top; NaN where that isn't seen."""
-    number = np.repeat(np.arange(len(groups)), np.diff(groups.first))
-    nearest = np.lexsort((depth_m, number))[groups.first[:-1]]
-    foot = groups.cloud.xyz[nearest].copy()
-    if groups.cloud.plane is not None:
-        foot[:, 2] = groups.cloud.plane.z_m(foot)
-    uv, _ = project_body(rig, camera, foot)
-    return np.asarray(uv[:, 1], np.float64)
 
 
 _BESIDE = 0.5
@@ -274,7 +267,6 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Poin
 
 
 def _project(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Points:
-    """Points in the image and beside it with their clusters."""
     model = rig.cameras[camera]
     uv, depth = project_body(rig, camera, cloud.xyz)
     size = np.array(model.size_wh, np.float64)

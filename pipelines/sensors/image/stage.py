@@ -140,9 +140,7 @@ def _compute_std(depth_m: Float64) -> Float64:
 
 
 def projectable(pipeline: str, rig: Rig, log_info: LogInfo) -> tuple[str, ...]:
-    """Names of the cameras of a rig that can be projected into; their images aren't needed. Raises LogError where there
-    is none, saying why.
-    """
+    """Names of cameras that can be projected into; images aren't needed. Raises LogError saying why there is none."""
     names = rig.sensors("camera")
     if not names:
         raise LogError(f"log '{log_info.name}': {pipeline} works in images, and the rig has no camera", "CFG001")

@@ -270,7 +270,6 @@ def _one_at_a_place(boxes: Boxes3D) -> Float64:
 
 
 def _complete(seen: Seen, kind: Int64, sizes: tuple[VehicleSize, ...], top_m: Float64, score: Float64) -> Boxes3D:
-    """Complete clusters (M,) of each kind to its size."""
     num = len(kind)
     center, size, yaw = np.zeros((num, 3)), np.zeros((num, 3)), np.zeros(num)
     for number, typical in enumerate(sizes):

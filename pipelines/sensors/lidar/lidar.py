@@ -215,9 +215,7 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
 
 
 def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64) -> Bool:
-    """Tell which points (N,) lie where a vehicle is or goes on; `own` are its to begin with, `high` what may be a
-    truck's.
-    """
+    """Tell which points (N,) lie where a vehicle with points `own` goes on; `high`: what may be a truck's."""
     axis = np.array([np.cos(box.yaw_rad), np.sin(box.yaw_rad)])
     if (box.center_m - viewpoint) @ axis < 0:
         axis = -axis
@@ -253,7 +251,6 @@ def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> 
 
 
 def _take_points(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
-    """Tell which clusters (K,) belong to a vehicle."""
     boxes, num = view.boxes, len(view.boxes)
     clustered = view.cluster >= 0
     total = np.bincount(view.cluster[clustered], minlength=num)
@@ -299,9 +296,7 @@ class LidarStage:
             return replace(with_whole_trucks(seen, self._viewpoint), plane=self._plane)
 
     def points(self, frame: Frame, clock: StageClock) -> Float64 | None:
-        """Points (N, 3) [m] of all LiDARs in body coordinates at the frame's instant that don't lie on the own vehicle,
-        in lexicographic order; `None` where no LiDAR delivered.
-        """
+        """Points (N, 3) [m] of all LiDARs but on the own vehicle, see `lidar_points`; `None` without any LiDAR."""
         with clock.stage("calibrate"):
             return lidar_points(self._rig, frame, self._ranges_m, self._own, self._deskew)
 

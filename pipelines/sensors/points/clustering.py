@@ -88,9 +88,7 @@ class Grouping:
     """Beyond this distance from the vehicle [m] the radius of DBSCAN grows in proportion to it; none: it doesn't."""
 
     def check(self, prefix: str) -> None:
-        """Refuse unknown methods and distances that make no sense; `prefix` is what precedes the names. Raises
-        ConfigError naming the parameter.
-        """
+        """Refuse unknown methods and senseless distances. Raises ConfigError naming the parameter below `prefix`."""
         if self.method not in METHODS:
             raise ConfigError(f"{prefix}.method: there is no '{self.method}'{did_you_mean(self.method, METHODS)}")
         if self.adaptive_from_m is not None:

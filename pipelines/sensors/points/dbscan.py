@@ -23,7 +23,6 @@ def _near(points: Float64, i: int, j: int) -> bool:
 
 @kernel
 def _count(points: Float64, first: Int64, a: int, b: int, count: Int64) -> None:
-    """Count neighbors between two cells."""
     for i in range(first[a], first[a + 1]):
         for j in range(first[b], first[b + 1]):
             near = np.int64(_near(points, i, j))  # added without a branch, which would be hard to predict
@@ -66,7 +65,6 @@ def core_points(points: Float64, first: Int64, pairs: Pairs, min_points: int) ->
 
 @kernel
 def _reaches(points: Float64, i: int, bounds: Float64, b: int) -> bool:
-    """Tell whether the bounds of a cell lie within the radius of a point."""
     x = max(bounds[b, 0] - points[i, 0], points[i, 0] - bounds[b, 3], 0.0)
     y = max(bounds[b, 1] - points[i, 1], points[i, 1] - bounds[b, 4], 0.0)
     z = max(bounds[b, 2] - points[i, 2], points[i, 2] - bounds[b, 5], 0.0)
@@ -76,7 +74,6 @@ def _reaches(points: Float64, i: int, bounds: Float64, b: int) -> bool:
 
 @kernel
 def _linked(points: Float64, core: Bool, first: Int64, bounds: Float64, a: int, b: int) -> bool:
-    """Tell whether a core point of one cell is a neighbor of one of the other."""
     is_small = first[b + 1] - first[b] <= SMALL
     for i in range(first[a], first[a + 1]):
         if not core[i] or not (is_small or _reaches(points, i, bounds, b)):
@@ -228,7 +225,6 @@ def _grid(rows: Float64, numbers: Int64) -> tuple[Int64, Float64, Int64, Int64, 
 
 
 def _pairs(cells: Int64, bounds: Float64, edge: float) -> Pairs:
-    """Pairs of cells (P, 2) that may hold neighbors."""
     pairs = np.empty((6 * len(cells), 2), np.int32)
     found = _find_pairs(cells, bounds, edge, pairs)
     if found > len(pairs):

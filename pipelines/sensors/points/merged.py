@@ -203,8 +203,20 @@ def viewpoint(rig: Rig, kind: Kind) -> Float64:
 
 def radar_scans(rig: Rig, frame: Frame, periods_mps: Mapping[str, float]) -> list[Echoes] | None:
     """Echoes of each radar, whose velocities alias with `periods_mps` by name; `None` where no radar delivered."""
-    scans = [m for m in _in_order(frame) if isinstance(m, RadarScan)]
-    return [_echoes(rig, scan, periods_mps.get(scan.sensor, 0.0)) for scan in scans] or None
+    result = []
+    for scan in (m for m in _in_order(frame) if isinstance(m, RadarScan)):
+        body_T_sensor = rig.body_T_sensor(scan.sensor)
+        xyz = transform(body_T_sensor, scan.xyz)
+        ray = xyz - body_T_sensor[:3, 3]
+        length = np.sqrt(ray[:, 0] ** 2 + ray[:, 1] ** 2 + ray[:, 2] ** 2)
+        direction = ray / np.where(length > 0, length, 1.0)[:, None]
+        velocity = np.full(len(xyz), np.nan) if scan.radial_velocity_mps is None else scan.radial_velocity_mps
+        velocity = np.where(np.isfinite(velocity), velocity, np.nan).astype(np.float64)
+        magnitude = np.full(len(xyz), np.nan) if scan.rcs_dbsm is None else scan.rcs_dbsm.astype(np.float64)
+        order = lexicographic_order(*xyz.T, velocity, magnitude)
+        columns = xyz.take(order, axis=0), direction.take(order, axis=0), velocity[order], magnitude[order]
+        result.append(Echoes(*columns, periods_mps.get(scan.sensor, 0.0), scan.sensor))
+    return result or None
 
 
 def world_T_body(rig: Rig, frame: Frame) -> Float64 | None:
@@ -226,9 +238,7 @@ def body_pose(rig: Rig, frame: Frame) -> Pose | None:
 
 
 def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo) -> None:
-    """Refuse a rig that has no sensor of these kinds. Raises LogError naming pipeline, log and the sensors that are
-    there.
-    """
+    """Refuse rigs without sensors of these kinds. Raises LogError naming pipeline, log and the sensors there."""
     if rig.sensors(*kinds):
         return
     words = {"lidar": "a LiDAR", "radar": "a radar", "camera": "a camera"}
@@ -239,21 +249,6 @@ def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo)
 
 def _in_order(frame: Frame) -> Iterator[object]:
     return (frame.messages[name] for name in sorted(frame.messages))
-
-
-def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
-    body_T_sensor = rig.body_T_sensor(scan.sensor)
-    xyz = transform(body_T_sensor, scan.xyz)
-    ray = xyz - body_T_sensor[:3, 3]
-    length = np.sqrt(ray[:, 0] ** 2 + ray[:, 1] ** 2 + ray[:, 2] ** 2)
-    direction = ray / np.where(length > 0, length, 1.0)[:, None]
-    velocity = np.full(len(xyz), np.nan) if scan.radial_velocity_mps is None else scan.radial_velocity_mps
-    magnitude = np.full(len(xyz), np.nan) if scan.rcs_dbsm is None else scan.rcs_dbsm
-    velocity = np.where(np.isfinite(velocity), velocity, np.nan)
-    columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
-    order = lexicographic_order(*xyz.T, *columns)
-    velocity, magnitude = (column[order] for column in columns)
-    return Echoes(xyz.take(order, axis=0), direction.take(order, axis=0), velocity, magnitude, period_mps, scan.sensor)
 
 
 def report_boxes(boxes: Boxes3D, min_score: float, source: Source, labeled: bool = False) -> Boxes3D:

@@ -19,9 +19,7 @@ class VehicleSize:
     height_m: float = SIZES["car"].lidar_lwh_m[2]  # Height [m].
 
     def check(self, prefix: str) -> None:
-        """Refuse sizes that no vehicle has; `prefix` is the dotted name of these parameters. Raises ConfigError naming
-        the parameter.
-        """
+        """Refuse sizes that no vehicle has. Raises ConfigError naming the parameter below `prefix`, a dotted name."""
         for name, value in vars(self).items():
             require_between(f"{prefix}.{name}", value, 0.1, 50.0)
 
@@ -58,7 +56,12 @@ def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Foot
     sees stays where it is; along an axis in which the sensor is beside the rectangle, its middle does.
     """
     extent = rectangles[:, [2, 4]] - rectangles[:, [1, 3]]
-    apparent = extent * _facing(rectangles, viewpoint)
+    # How far edges, along the heading and across it, are turned towards the viewpoint: 0 to 1.
+    heading = rectangles[:, 0]
+    eye = np.stack([_unit(heading) @ viewpoint, _unit(heading + np.pi / 2) @ viewpoint], axis=1)
+    middle = (rectangles[:, [1, 3]] + rectangles[:, [2, 4]]) / 2 - eye
+    away = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)
+    apparent = extent * (np.abs(middle[:, ::-1]) / away[:, None])
     is_side = extent.max(axis=1) > 1.25 * size.width_m
     along_first = np.where(is_side, extent[:, 0] > extent[:, 1], apparent[:, 0] <= apparent[:, 1])
     return complete_known(rectangles, along_first, viewpoint, np.array([size.length_m, size.width_m]))
@@ -81,17 +84,6 @@ def complete_known(rectangles: Float64, along_first: Bool, viewpoint: Float64, l
     center = middle[:, :1] * axes[:, 0] + middle[:, 1:] * axes[:, 1]
     yaw = half_turn(heading + np.where(along_first, 0.0, np.pi / 2))
     return Footprints(center, np.where(along_first[:, None], full, full[:, ::-1]), yaw)
-
-
-def _facing(rectangles: Float64, viewpoint: Float64) -> Float64:
-    """Return how far edges (N, 2), along the heading and across it, are turned towards a viewpoint (2,): 0 to 1."""
-    heading = rectangles[:, 0]
-    forward, left = _unit(heading), _unit(heading + np.pi / 2)
-    middle = (rectangles[:, [1, 3]] + rectangles[:, [2, 4]]) / 2 - np.stack(
-        [forward @ viewpoint, left @ viewpoint], axis=1
-    )
-    away = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)
-    return np.abs(middle[:, ::-1]) / away[:, None]
 
 
 def half_turn(angle_rad: Float64) -> Float64:

@@ -94,9 +94,7 @@ def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerPa
 
 
 def with_logged_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams) -> DopplerParams:
-    """Return parameters that say whether a radar's velocities hold the vehicle's own motion. Raises LogError where the
-    log says something else.
-    """
+    """Say whether velocities of a radar hold the ego motion. Raises LogError where the log says something else."""
     key = f"radar.{radar}.ego_motion"
     text = log_info.metadata.get(key, log_info.metadata.get("radar.ego_motion", "included"))
     if params.ego_motion is not None:
@@ -144,19 +142,13 @@ def sensor_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
     f, s = np.unravel_index(int(np.argmax(scores)), scores.shape)
     velocity = np.array([forward[slowest[f]], sideways[s]])
     for times in (3.0, 2.0, 1.5, 1.0, 1.0, 1.0):
-        velocity = velocity + _correction(echoes, velocity, times * params.band_mps)
+        rest = over_ground(echoes, velocity)
+        near = np.abs(rest) < times * params.band_mps
+        x, y, r = echoes.direction[near, 0], echoes.direction[near, 1], rest[near]
+        xx, xy, yy = (x * x).sum() + 1e-9, (x * y).sum(), (y * y).sum() + 1.0
+        xr, yr = (x * r).sum(), (y * r).sum()
+        velocity = velocity + np.array([yr * xy - xr * yy, xr * xy - yr * xx]) / (xx * yy - xy * xy)
     return velocity
-
-
-def _correction(echoes: Echoes, velocity: Float64, band_mps: float) -> Float64:
-    rest = over_ground(echoes, velocity)
-    near = np.abs(rest) < band_mps
-    x, y, r = echoes.direction[near, 0], echoes.direction[near, 1], rest[near]
-    xx, xy, yy = (x * x).sum() + 1e-9, (x * y).sum(), (y * y).sum() + 1.0
-    xr, yr = (x * r).sum(), (y * r).sum()
-    determinant = xx * yy - xy * xy
-    step: Float64 = np.array([yr * xy - xr * yy, xr * xy - yr * xx]) / determinant
-    return step
 
 
 def over_ground(echoes: Echoes, velocity: Float64) -> Float64:
@@ -221,16 +213,12 @@ def add_unmeasured(
     number = int(cluster.max(initial=-1)) + 1
     for one in range(int(found.max(initial=-1)) + 1):
         members = rows[found == one]
-        if _may_be_vehicle(xyz[members, :2], params):
+        # Extents along and across the main axis, which is that of the largest variance.
+        x, y = (xyz[members, :2] - xyz[members, :2].mean(axis=0)).T
+        heading = 0.5 * np.arctan2(2 * (x * y).sum(), (x * x - y * y).sum())
+        cos, sin = np.cos(heading), np.sin(heading)
+        length, width = np.ptp(cos * x + sin * y), np.ptp(cos * y - sin * x)
+        if length <= params.max_length_m and width <= params.max_width_m:
             result[members] = number
             number += 1
     return result
-
-
-def _may_be_vehicle(xy: Float64, params: UnmeasuredParams) -> bool:
-    """Judge extents (N, 2) along and across the main axis, which is that of the largest variance."""
-    x, y = (xy - xy.mean(axis=0)).T
-    heading = 0.5 * np.arctan2(2 * (x * y).sum(), (x * x - y * y).sum())
-    cos, sin = np.cos(heading), np.sin(heading)
-    length, width = np.ptp(cos * x + sin * y), np.ptp(cos * y - sin * x)
-    return bool(length <= params.max_length_m and width <= params.max_width_m)

@@ -195,9 +195,7 @@ def median_rate(rate_mps: Float64, period_mps: Float64) -> float:
 
 
 class RadarStage:
-    """Knows with which period the velocities of each radar alias. Raises LogError where the log's metadata give a
-    period that is none.
-    """
+    """Knows with which period each radar's velocities alias. Raises LogError where a period in the log is none."""
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: RadarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, scoring(params, log_info)

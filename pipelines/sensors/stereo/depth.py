@@ -56,14 +56,18 @@ class Rectifier:
 
     def images(self, left: Pixels, right: Pixels) -> tuple[Pixels, Pixels]:
         """Shrink and rectify two grey images (H, W), to (h, w)."""
-        one, other = (_small(image, self.camera.size_wh) for image in (left, right))
+        import cv2
+
+        size = self.camera.size_wh
+        one, other = (
+            image if image.shape[::-1] == size else np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+            for image in (left, right)
+        )
         return (one, other) if self.maps is None else self.maps.images(one, other)
 
 
 def rectifier(rig: Rig, pair: Pair, shrink: int) -> Rectifier:
-    """Compute how the images of a pair are shrunk and rectified. Raises LogError where lens distortion isn't modeled,
-    or images are too small to be matched.
-    """
+    """Compute how a pair is shrunk and rectified. Raises LogError for an unknown lens, or images too small to match."""
     small = Rig(rig.mounts, {name: _shrunk(rig.cameras[name], shrink) for name in (pair.left, pair.right)})
     how = rectified(small, pair)
     body_T_left = rig.body_T_sensor(pair.left)
@@ -94,14 +98,6 @@ def _is_straight(rig: Rig, pair: Pair) -> bool:
     # Turned by an angle a, pixels move by about a times the distance to the corners; aside, by the share of disparity.
     reach = float(np.hypot(*left.size_wh)) + float(left.K[0, 0])
     return turned * reach < _STRAIGHT_PX and aside * left.size_wh[0] / 8 < _STRAIGHT_PX
-
-
-def _small(grey: Pixels, size_wh: tuple[int, int]) -> Pixels:
-    import cv2
-
-    if grey.shape[::-1] == size_wh:
-        return grey
-    return np.asarray(cv2.resize(grey, size_wh, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 @kernel

@@ -172,9 +172,12 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     """
     how = params.as_lidar
     found = obstacles(xyz, how)
-    cluster = dbscan(
-        _even_out(found.xyz[:, :2] - eye_m, focal_baseline, params.cluster), 1.0, params.cluster.min_points
-    )
+    # Points are moved to where a radius of 1 is that of the parameters everywhere: across the line of sight that is the
+    # azimuth over eps_rad, along it the integral of dr / (e + k r^2), which is atan(r sqrt(k / e)) / sqrt(k e).
+    x, y = (found.xyz[:, :2] - eye_m).T
+    own, growth = params.cluster, 2 * params.cluster.sigma_px / focal_baseline
+    along = np.arctan(np.hypot(x, y) * np.sqrt(growth / own.eps_m)) / np.sqrt(growth * own.eps_m)
+    cluster = dbscan(np.column_stack([along, np.arctan2(y, x) / own.eps_rad]), 1.0, own.min_points)
     view = classify_obstacles(found, cluster, eye_m, how)
     score = view.boxes.score
     if view.plane is None or score is None or not len(score):
@@ -183,15 +186,3 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     first = np.flatnonzero(np.diff(view.cluster[member], prepend=-1))
     top_m = np.maximum.reduceat((view.xyz[:, 2] - view.plane.z_m(view.xyz))[member], first)
     return replace(view, boxes=replace(view.boxes, score=score * fading(top_m, *params.least_top_m)))
-
-
-def _even_out(xy: Float64, focal_baseline: float, params: StereoClusterParams) -> Float64:
-    """Move points (N, 2) [m] seen from the camera to where a radius of 1 is that of the parameters everywhere.
-
-    Across the line of sight that is the azimuth over eps_rad; along it the integral of dr / (e + k r^2), which is
-    atan(r sqrt(k / e)) / sqrt(k e).
-    """
-    range_m, azimuth = np.hypot(xy[:, 0], xy[:, 1]), np.arctan2(xy[:, 1], xy[:, 0])
-    growth = 2 * params.sigma_px / focal_baseline
-    along = np.arctan(range_m * np.sqrt(growth / params.eps_m)) / np.sqrt(growth * params.eps_m)
-    return np.column_stack([along, azimuth / params.eps_rad])
