@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.baseline import boxes
-from fbench.pipelines.baseline.boxes import Extents, PlainCloud
-from fbench.pipelines.baseline.observations import KINDS, PlainSensors
+from fbench.pipelines.baseline.boxes import KINDS, Extents, PlainCloud, PlainSensors
 from fbench.pipelines.baseline.params import RADAR_IMAGES, PlainImageSensorParams, PlainParams, PlainSensor, Strategy
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.trackers import Tracker2D
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.boxes import Boxes2D, concatenate

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fbench.pipelines.baseline import boxes
-from fbench.pipelines.baseline.boxes import Extents, PlainCloud
-from fbench.pipelines.baseline.observations import KINDS, PlainSensors
+from fbench.pipelines.baseline.boxes import KINDS, Extents, PlainCloud, PlainSensors
 from fbench.pipelines.baseline.params import (
     RADAR,
     PlainClusterParams,
@@ -20,7 +19,7 @@ from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker3D
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.boxes import Boxes3D

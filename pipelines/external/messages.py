@@ -2,14 +2,13 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufError
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.replay.contracts.errors import DataError
-from fbench.replay.data.arrays import Array, Float64, text_array
+from fbench.replay.data.arrays import Array, text_array
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
@@ -130,6 +129,9 @@ _MAX_MISSING = 256
 _MAX_CHARS = 200
 _MAX_STAGE_NS = 2**62
 _ALL_SOURCES = 15
+_SIZES = {"center_m": 3, "size_lwh_m": 3, "velocity_mps": 3, "xyxy_px": 4, "visible_xyxy_px": 4}  # Numbers a box
+_DTYPES = {"track_id": np.int64, "sources": np.uint8, "predicted": np.bool_}  # Of columns that aren't float64
+_REQUIRED = ("center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px")
 
 
 class ProtocolError(DataError):
@@ -181,53 +183,21 @@ def _read_boxes(name: str, output: schema.Output) -> Boxes:
     num = len(boxes.yaw_rad if kind == "in_3d" else boxes.camera)
     if num > _MAX_BOXES:
         raise DataError(f"{name}: expected at most {_MAX_BOXES} boxes, got {num}")
-    return _boxes3d(name, boxes) if kind == "in_3d" else _boxes2d(name, boxes)
-
-
-def _boxes3d(name: str, boxes: schema.Boxes3D) -> Boxes3D:
-    return Boxes3D(
-        center_m=_vectors(f"{name}.center_m", boxes.center_m, 3),
-        size_lwh_m=_vectors(f"{name}.size_lwh_m", boxes.size_lwh_m, 3),
-        yaw_rad=np.array(boxes.yaw_rad, np.float64),
-        roll_rad=_numbers(boxes.roll_rad),
-        pitch_rad=_numbers(boxes.pitch_rad),
-        velocity_mps=_vectors(f"{name}.velocity_mps", boxes.velocity_mps, 3) if boxes.velocity_mps else None,
-        **_common(name, boxes),
-    )
-
-
-def _boxes2d(name: str, boxes: schema.Boxes2D) -> Boxes2D:
-    visible = boxes.visible_xyxy_px
-    return Boxes2D(
-        camera=text_array(list(boxes.camera)),
-        xyxy_px=_vectors(f"{name}.xyxy_px", boxes.xyxy_px, 4),
-        visible_xyxy_px=_vectors(f"{name}.visible_xyxy_px", visible, 4) if visible else None,
-        distance_m=_numbers(boxes.distance_m),
-        range_rate_mps=_numbers(boxes.range_rate_mps),
-        **_common(name, boxes),
-    )
-
-
-def _common(name: str, boxes: schema.Boxes3D | schema.Boxes2D) -> dict[str, Any]:
-    if boxes.sources and max(boxes.sources) > _ALL_SOURCES:
-        raise DataError(f"{name}.sources: expected sums of 1, 2, 4 and 8, got {max(boxes.sources)}")
-    return {
-        "label": text_array(list(boxes.label)) if boxes.label else None,
-        "score": _numbers(boxes.score),
-        "track_id": np.array(boxes.track_id, np.int64) if boxes.track_id else None,
-        "sources": np.array(boxes.sources, np.uint8) if boxes.sources else None,
-        "predicted": np.array(boxes.predicted, np.bool_) if boxes.predicted else None,
-    }
-
-
-def _numbers(values: Sequence[float]) -> Float64 | None:
-    return np.array(values, np.float64) if values else None
-
-
-def _vectors(where: str, values: Sequence[float], size: int) -> Float64:
-    if len(values) % size:
-        raise DataError(f"{where}: expected {size} numbers a box, got {len(values)} in all")
-    return np.array(values, np.float64).reshape(-1, size)
+    columns = dict[str, Array]()
+    for field in boxes.DESCRIPTOR.fields:
+        values, size = getattr(boxes, field.name), _SIZES.get(field.name)
+        if size is not None and len(values) % size:
+            raise DataError(f"{name}.{field.name}: expected {size} numbers a box, got {len(values)} in all")
+        if field.name == "sources" and max(values, default=0) > _ALL_SOURCES:
+            raise DataError(f"{name}.sources: expected sums of 1, 2, 4 and 8, got {max(values)}")
+        if not values and field.name not in _REQUIRED:
+            continue
+        if field.name in ("camera", "label"):
+            columns[field.name] = text_array(list(values))
+        else:
+            column: Array = np.array(values, _DTYPES.get(field.name, np.float64))
+            columns[field.name] = column if size is None else column.reshape(-1, size)
+    return Boxes3D(**columns) if kind == "in_3d" else Boxes2D(**columns)
 
 
 def _require_short(where: str, texts: Sequence[str], limit: int) -> None:

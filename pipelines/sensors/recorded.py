@@ -233,8 +233,7 @@ class RecordedBoxes:
         if self._alongside is None:
             self.kind = self._first_kind(self._log, log_info)
             results = self._log.detections(self._params.topic)
-            to_ns = 1e6
-            tolerance_ns, offset_ns = round(self._params.tolerance_ms * to_ns), round(self._params.offset_ms * to_ns)
+            tolerance_ns, offset_ns = (round(ms * 1e6) for ms in (self._params.tolerance_ms, self._params.offset_ms))
             self._alongside = Alongside(results, tolerance_ns, offset_ns)
             self._poses = PosesAlongside(self._log.body_poses(), min(self._log.poses, default=None))
 
@@ -256,12 +255,10 @@ class RecordedBoxes:
         boxes, missing = self._place(result, world_T_body)
         latency_ns = result.log_ns - frame.stamp_ns
         # What has the stamp itself for its time of recording wasn't recorded by a stack at work.
-        if boxes is None or result.log_ns <= 0 or result.log_ns == result.stamp_ns:
-            return Found(boxes, world_T_body, missing, faults)
-        if latency_ns < 0:
+        is_timed = boxes is not None and result.log_ns > 0 and result.log_ns != result.stamp_ns
+        if is_timed and latency_ns < 0:
             faults = (*faults, Fault("PRD004", f"{self._name}: {-latency_ns / 1e6:.3f} ms"))
-            return Found(boxes, world_T_body, missing, faults)
-        return Found(boxes, world_T_body, missing, faults, latency_ns)
+        return Found(boxes, world_T_body, missing, faults, latency_ns if is_timed and latency_ns >= 0 else None)
 
     def _first_kind(self, log: BoxReader, log_info: LogInfo) -> type[Boxes]:
         """Kind of the first boxes that there are; of results without any box the kind of the first one."""

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Generic, Protocol
 
 from fbench.pipelines.sensors.points.merged import world_T_body
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker3D
 from fbench.pipelines.tracking.tracks import B, Tracker
 from fbench.replay.contracts.params import StageClock, require_between
 from fbench.replay.data.boxes import Boxes

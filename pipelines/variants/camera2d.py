@@ -9,7 +9,7 @@ from fbench.pipelines.models.weights import resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams, CameraStage
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.trackers import Tracker2D
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar, TypeVar
 
-from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds, require_depth, stereo_stage
+from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams
@@ -18,17 +18,17 @@ from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage
 from fbench.pipelines.sensors.parallel import Branches
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
-from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams
+from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.pipelines.tracking.tracks import B, Tracker
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.geometry.stereo_pairs import pairs
 
 First = TypeVar("First")
 Second = TypeVar("Second")
@@ -185,8 +185,12 @@ class Early3D(FusionPipeline[Boxes3D]):
         where it has no LiDAR, radar or pair of cameras, or a camera that is to be used can't be projected into.
         """
         params, settings = self._params, SensorSettings(self._params, rig)
-        stereo = stereo_stage(rig, log_info.name, params.stereo_pair, params.stereo)
-        require_depth(rig, log_info.name, stereo)
+        is_auto = params.stereo_pair == "auto" and not rig.sensors("lidar") and bool(pairs(rig))
+        stereo = None
+        if params.stereo_pair == "on" or is_auto:
+            stereo = StereoStage(rig, log_info.name, params.stereo)
+        else:
+            require("early3d", ("lidar", "radar"), rig, log_info, "a LiDAR, a radar or a stereo pair of cameras")
         self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
         self._radar = RadarStage(rig, log_info, params.radar, settings)

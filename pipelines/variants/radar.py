@@ -8,8 +8,7 @@ from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source

@@ -6,8 +6,7 @@ from typing import ClassVar
 from fbench.pipelines.sensors.recorded import RecordedBoxes, Which
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import DetectionInterval, predict_output
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.contracts.params import StageClock, bounded
 from fbench.replay.contracts.protocols import BoxReader
 from fbench.replay.data.boxes import Boxes, Boxes2D

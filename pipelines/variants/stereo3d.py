@@ -6,7 +6,7 @@ from fbench.pipelines.sensors.points.merged import report_boxes
 from fbench.pipelines.sensors.stereo.stage import NOISE, ObjectParams, StereoParams, StereoStage, detect
 from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.frames import Fault, Frame

@@ -4,13 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.sensors.image.params import (
-    FOCAL_PX,
-    ImageClusterParams,
-    RadarImageParams,
-    ShapeParams,
-    cluster_in_image,
-)
+from fbench.pipelines.sensors.image import params as image
+from fbench.pipelines.sensors.image.params import ImageClusterParams, LidarImageParams, RadarImageParams, ShapeParams
 from fbench.pipelines.sensors.lidar.lidar import Obstacles
 from fbench.pipelines.sensors.points.grid import lexicographic_order, median
 from fbench.pipelines.sensors.points.ground import Plane, fit_plane, height_above_ground, lowest_points, surroundings
@@ -126,24 +121,6 @@ class Groups:
         return np.asarray(self.cloud.moves[self.first[:-1]], np.bool_)
 
 
-@dataclass(frozen=True, eq=False)
-class Whole:
-    """M whole vehicles in body coordinates."""
-
-    center_m: Float64  # (M, 3) [m]
-    size_lwh_m: Float64  # (M, 3) length, width, height [m]
-
-
-def footprints(groups: Groups) -> Whole:
-    """Complete what is seen of each group to a vehicle that stands on the ground."""
-    cloud = groups.cloud
-    whole = complete(groups.rectangles, cloud.viewpoint, _CAR)
-    height = np.maximum(groups.top_m, _CAR.height_m)
-    ground = np.zeros(len(groups)) if cloud.plane is None else cloud.plane.z_m(whole.center_m)
-    center = np.column_stack([whole.center_m, ground + height / 2])
-    return Whole(center, np.column_stack([whole.size_lw_m, height]))
-
-
 def likeness(groups: Groups, params: ShapeParams) -> Float64:
     """Score groups in [0, 1], as the product of all that is known about vehicles.
 
@@ -226,39 +203,32 @@ class Spots(Rows):
         return np.asarray(np.sqrt((self.center_m**2).sum(axis=1)), np.float64)
 
 
-@dataclass(frozen=True)
-class SpotParams:
-    """What differs between kinds of sensors."""
-
-    cluster: ImageClusterParams
-    shape: ShapeParams
-    margin_px: float
-
-
 def focal_scale(camera: CameraModel) -> float:
     """Return how many pixels of an image one pixel of the parameters is."""
-    return float(camera.K[0, 0]) / FOCAL_PX
+    return float(camera.K[0, 0]) / image.FOCAL_PX
 
 
-def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Points, Spots]:
+def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarImageParams) -> tuple[Points, Spots]:
     """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters.
 
     What moves is clustered apart from what stands still. The order of points doesn't matter.
     """
-    points = _project(rig, camera, cloud, params)
+    points = _project(rig, camera, cloud, params.cluster)
     member = points.cluster >= 0
     if not member.any() or cloud.plane is None:
         none, places = np.zeros(0), np.zeros((0, 3))
         return points, Spots(np.zeros((0, 4)), none, places, places, none, none, np.zeros(0, np.int64))
     groups = Groups.of(points.cloud[member], points.cluster[member])
     margin = params.margin_px * focal_scale(rig.cameras[camera])
-    whole = footprints(groups)
+    # What is seen of each group is completed to a vehicle that stands on the ground.
+    whole, height = complete(groups.rectangles, cloud.viewpoint, _CAR), np.maximum(groups.top_m, _CAR.height_m)
+    center = np.column_stack([whole.center_m, cloud.plane.z_m(whole.center_m) + height / 2])
     depth = np.minimum.reduceat(points.depth_m[member], groups.first[:-1])
     found = Spots(
         xyxy_px=outlines(rig, camera, groups, points.uv_px[member], points.depth_m[member], margin),
         score=likeness(groups, params.shape),
-        center_m=whole.center_m,
-        size_lwh_m=whole.size_lwh_m,
+        center_m=center,
+        size_lwh_m=np.column_stack([whole.size_lw_m, height]),
         depth_m=depth,
         rate_mps=_rates(groups),
         num_points=np.diff(groups.first),
@@ -266,7 +236,7 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Poin
     return points, found
 
 
-def _project(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Points:
+def _project(rig: Rig, camera: str, cloud: Cloud, params: ImageClusterParams) -> Points:
     model = rig.cameras[camera]
     uv, depth = project_body(rig, camera, cloud.xyz)
     size = np.array(model.size_wh, np.float64)
@@ -276,7 +246,7 @@ def _project(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Points:
     cloud, uv, depth = cloud[seen], uv.take(seen, axis=0), depth.take(seen)
     cluster, scaled = np.full(len(uv), -1), uv / focal_scale(model)
     for part in (cloud.moves, ~cloud.moves):
-        found = cluster_in_image(scaled[part], depth[part], params.cluster)
+        found = image.cluster_in_image(scaled[part], depth[part], params)
         cluster[part] = np.where(found < 0, -1, found + cluster.max(initial=-1) + 1)
     order = np.argsort(cluster, kind="stable")
     return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud[order])

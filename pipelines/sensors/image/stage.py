@@ -8,7 +8,7 @@ import numpy as np
 from fbench.pipelines.fusion.reliability import log_odds
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.image.objects import Points, SpotParams, Spots, of_lidar, of_radar, spots
+from fbench.pipelines.sensors.image.objects import Cloud, Points, Spots, of_lidar, of_radar, spots
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
 from fbench.pipelines.sensors.lidar.lidar import LidarStage
 from fbench.pipelines.sensors.points.grid import lexicographic_order
@@ -144,16 +144,15 @@ def projectable(pipeline: str, rig: Rig, log_info: LogInfo) -> tuple[str, ...]:
     names = rig.sensors("camera")
     if not names:
         raise LogError(f"log '{log_info.name}': {pipeline} works in images, and the rig has no camera", "CFG001")
-    why = {name: _reason(rig, name) for name in names}
+    why = {
+        name: not_projectable(rig.cameras[name]) if name in rig.cameras else "the log has no intrinsics of it"
+        for name in names
+    }
     good = tuple(name for name in names if why[name] is None)
     if not good:
         raise LogError(f"log '{log_info.name}': {pipeline} can't project into camera '{names[0]}': {why[names[0]]}",
                        "CAL001")  # fmt: skip
     return good
-
-
-def _reason(rig: Rig, name: str) -> str | None:
-    return not_projectable(rig.cameras[name]) if name in rig.cameras else "the log has no intrinsics of it"
 
 
 def drop_labels(seen: Mapping[str, Sightings], min_score: float) -> Boxes2D:
@@ -244,8 +243,7 @@ class LidarInImages:
     """Clusters of LiDAR points in images."""
 
     def __init__(self, rig: Rig, cameras: tuple[str, ...], stage: LidarStage, params: LidarImageParams) -> None:
-        self._rig, self._cameras, self._stage = rig, cameras, stage
-        self._params = SpotParams(params.cluster, params.shape, params.margin_px)
+        self._rig, self._cameras, self._stage, self._params = rig, cameras, stage, params
         self._viewpoint = viewpoint(rig, "lidar")
 
     def view(self, frame: Frame, clock: StageClock) -> InImages:
@@ -255,12 +253,7 @@ class LidarInImages:
             return InImages()
         cloud = of_lidar(self._stage.obstacles(xyz, clock), self._viewpoint)
         with clock.stage("detect.lidar"):
-            found = {name: spots(self._rig, name, cloud, self._params) for name in self._cameras}
-            return InImages(
-                {name: by_points(one, Source.L) for name, (_, one) in found.items()},
-                {name: points for name, (points, _) in found.items()},
-                all_rays(self._rig, self._cameras, xyz),
-            )
+            return _find_spots(self._rig, self._cameras, cloud, xyz, Source.L, self._params)
 
 
 class RadarInImages:
@@ -270,7 +263,6 @@ class RadarInImages:
         self, rig: Rig, cameras: tuple[str, ...], stage: RadarStage, params: RadarParams, image: RadarImageParams
     ) -> None:
         self._rig, self._cameras, self._stage, self._radar, self._image = rig, cameras, stage, params, image
-        self._params = SpotParams(image.cluster, image.shape, image.margin_px)
         self._viewpoint = viewpoint(rig, "radar")
 
     def view(self, frame: Frame, clock: StageClock) -> InImages:
@@ -281,25 +273,28 @@ class RadarInImages:
         with clock.stage("preprocess"):
             cloud = of_radar(echoes, self._viewpoint, self._radar.min_speed_mps, self._image)
         with clock.stage("detect.radar"):
-            if cloud.plane is None:
-                return InImages(in_images(self._rig, self._cameras, radar.detect(echoes, self._radar), echoes))
-            found = {name: spots(self._rig, name, cloud, self._params) for name in self._cameras}
-            return InImages(
-                {name: by_points(one, Source.R) for name, (_, one) in found.items()},
-                {name: points for name, (points, _) in found.items()},
-                all_rays(self._rig, self._cameras, echoes.xyz),
-            )
+            if cloud.plane is not None:
+                return _find_spots(self._rig, self._cameras, cloud, echoes.xyz, Source.R, self._image)
+            view = radar.detect(echoes, self._radar)
+            rate = relative_rates(view, echoes)
+            return InImages({name: by_boxes(self._rig, name, view.boxes, rate, Source.R) for name in self._cameras})
 
 
-def all_rays(rig: Rig, cameras: tuple[str, ...], xyz: Float64) -> dict[str, Rays]:
-    """Points (N, 3) in body coordinates as each camera sees them."""
-    return {name: Rays.of(rig, name, xyz) for name in cameras}
-
-
-def in_images(rig: Rig, cameras: tuple[str, ...], view: RadarView, echoes: Compensated) -> dict[str, Sightings]:
-    """What radars see in space, as each camera sees it."""
-    rate = relative_rates(view, echoes)
-    return {name: by_boxes(rig, name, view.boxes, rate, Source.R) for name in cameras}
+def _find_spots(
+    rig: Rig,
+    cameras: tuple[str, ...],
+    cloud: Cloud,
+    xyz: Float64,
+    source: Source,
+    params: LidarImageParams | RadarImageParams,
+) -> InImages:
+    """Detect in a cloud over the ground; `xyz` (N, 3) holds all points."""
+    found = {name: spots(rig, name, cloud, params) for name in cameras}
+    return InImages(
+        {name: by_points(one, source) for name, (_, one) in found.items()},
+        {name: points for name, (points, _) in found.items()},
+        {name: Rays.of(rig, name, xyz) for name in cameras},
+    )
 
 
 def relative_rates(view: RadarView, echoes: Compensated) -> Float64:

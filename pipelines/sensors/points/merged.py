@@ -237,12 +237,12 @@ def body_pose(rig: Rig, frame: Frame) -> Pose | None:
     return pose if isinstance(pose, Pose) else None
 
 
-def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo) -> None:
+def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo, wanted: str = "") -> None:
     """Refuse rigs without sensors of these kinds. Raises LogError naming pipeline, log and the sensors there."""
     if rig.sensors(*kinds):
         return
     words = {"lidar": "a LiDAR", "radar": "a radar", "camera": "a camera"}
-    wanted = " or ".join(words[kind] for kind in kinds)
+    wanted = wanted or " or ".join(words[kind] for kind in kinds)
     present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
     raise LogError(f"log '{log_info.name}': {pipeline} needs {wanted}; the log has: {present}", "CFG001")
 

@@ -8,13 +8,13 @@ from tests.pipelines.sensors.image.places import CAMERA, RIG, back, cloud, wall
 from fbench.pipelines.fusion.image import ImageFusionParams, ImageView, associate, fuse
 from fbench.pipelines.fusion.reliability import CameraReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.image.objects import SpotParams, spots
+from fbench.pipelines.sensors.image.objects import spots
 from fbench.pipelines.sensors.image.params import LidarImageParams
 from fbench.pipelines.sensors.image.stage import SURE, Rays, Sightings, by_camera, by_points
 from fbench.replay.data.boxes import Source
 
 DEFAULT = LidarImageParams()
-PARAMS = SpotParams(DEFAULT.cluster, DEFAULT.shape, DEFAULT.margin_px)
+PARAMS = DEFAULT
 CAR = [379.0, 288.0, 420.0, 319.5]
 """What a camera shows of a car whose back is 20 m ahead."""
 

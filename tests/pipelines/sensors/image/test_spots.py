@@ -3,12 +3,12 @@ import pytest
 from numpy.testing import assert_array_equal
 from tests.pipelines.sensors.image.places import RIG, back, cloud, wall
 
-from fbench.pipelines.sensors.image.objects import SpotParams, Spots, spots
+from fbench.pipelines.sensors.image.objects import Spots, spots
 from fbench.pipelines.sensors.image.params import LidarImageParams, ShapeParams
 from fbench.replay.contracts.errors import ConfigError
 
 DEFAULT = LidarImageParams()
-PARAMS = SpotParams(DEFAULT.cluster, DEFAULT.shape, DEFAULT.margin_px)
+PARAMS = DEFAULT
 
 
 def seen(*parts, **how) -> Spots:
