@@ -7,14 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.pipelines.external.messages import (
-    ProtocolError,
-    frame_request,
-    hello,
-    parse_response,
-    small_request,
-    to_output,
-)
+from fbench.pipelines.external import messages
+from fbench.pipelines.external.messages import ProtocolError
 from fbench.pipelines.external.process import Command, Deadline, KeptText, Process, ProgramError, parse_command
 from fbench.replay.contracts.errors import DataError, FbenchError, LogError, RunError
 from fbench.replay.contracts.params import CheckedParams, bounded
@@ -37,13 +31,7 @@ class RefusedError(FbenchError):
 
 
 class Dialogue:
-    """A running program and the number of the next request. Raises ConfigError where it can't be executed.
-
-    Args:
-        command: What to run.
-        stderr: Keeps what it writes there.
-        max_response_bytes: Longer answers are refused.
-    """
+    """A running program and the number of the next request. Raises ConfigError where it can't be executed."""
 
     def __init__(self, command: Command, stderr: KeptText, max_response_bytes: int) -> None:
         self.process = Process(command, stderr, 2 * max_response_bytes)
@@ -68,7 +56,10 @@ class Dialogue:
 
     def _ask(self, expected: str, timeout_s: float, frame: Frame | None = None, **small: Any) -> schema.Response:
         self._sequence += 1
-        request = small_request(self._sequence, **small) if frame is None else frame_request(self._sequence, frame)
+        if frame is None:
+            request = messages.small_request(self._sequence, **small)
+        else:
+            request = messages.frame_request(self._sequence, frame)
         num = sum(map(len, request))
         if num > _MAX_REQUEST_BYTES:
             raise RefusedError(f"a frame of {num} bytes is too large for a request, which can have 2 GiB")
@@ -81,7 +72,7 @@ class Dialogue:
             hint = f" ({head.decode()!r}: does it print to stdout?)" if is_text else ""
             most = self._max_response_bytes
             raise ProtocolError(f"announced an answer of {num} bytes{hint}, at most {most} are taken")
-        response = parse_response(self.process.receive(num, deadline), self._sequence)
+        response = messages.parse_response(self.process.receive(num, deadline), self._sequence)
         kind = response.WhichOneof("kind")
         if kind == "error":
             raise RefusedError(f"says: {response.error[:_MAX_ERROR_CHARS]}")
@@ -124,7 +115,7 @@ class Exec:
         """Start the program, or tell it of another rig. Raises LogError where the program says that it can't work with
         this log. Raises RunError where it ends, hangs or speaks another version.
         """
-        self._hello = hello(rig, log_info)
+        self._hello = messages.hello(rig, log_info)
         try:
             with self._watched():
                 ready = self._greet(self._dialogue or self._begin())
@@ -165,7 +156,7 @@ class Exec:
                     self._kill()
                     raise
             output = dialogue.step(frame, self._params.frame_timeout_s)
-        result = to_output(output)
+        result = messages.to_output(output)
         # Each name of a stage becomes a column of the run: they may not be new in every frame.
         names = dict.fromkeys([*self._stages, *result.stage_ns])
         if len(names) > _MAX_STAGES:

@@ -58,11 +58,6 @@ def parse_command(text: str) -> Command:
     return Command(str(path), words)
 
 
-def environment() -> dict[str, str]:
-    """Variables for a program: all but the number of threads that fbench sets for itself."""
-    return {name: value for name, value in os.environ.items() if name not in _OWN_VARIABLES}
-
-
 _HALF_BYTES = 512 * 1024
 _LINE_CHARS = 300
 _LINE_BYTES = 4096
@@ -132,21 +127,17 @@ class Deadline:
 class Process:
     """A program with pipes for stdin, stdout and stderr, in a session of its own.
 
-    One loop watches all of them and the process itself: nothing that the program does, or fails to do, blocks. Raises
-    ConfigError where the program can't be executed.
-
-    Args:
-        command: What to run.
-        stderr: Keeps what it writes there.
-        max_unread: So many bytes at most may wait on its stdout for somebody who wants them.
+    One loop watches all of them and the process itself: nothing that the program does, or fails to do, blocks. At most
+    `max_unread` bytes may wait on its stdout for somebody who wants them. Raises ConfigError where the program can't be
+    executed.
     """
 
     def __init__(self, command: Command, stderr: KeptText, max_unread: int) -> None:
-        pipe = subprocess.PIPE
+        pipe, environment = subprocess.PIPE, {k: v for k, v in os.environ.items() if k not in _OWN_VARIABLES}
         try:
             self._popen = subprocess.Popen(  # noqa: S603 - the user names the program, and no shell is involved
                 command.words, executable=command.program, stdin=pipe, stdout=pipe, stderr=pipe, bufsize=0,
-                start_new_session=True, env=environment(),
+                start_new_session=True, env=environment,
             )  # fmt: skip
         except OSError as error:
             raise ConfigError(f"exec: {command.words[0]}: can't be executed ({error.strerror})") from error

@@ -43,12 +43,8 @@ class Targets:
 
 
 def assign(points: Tensor, strides: Tensor, truths: Truths) -> Targets:
-    """Give each object the cells around its middle, and a cell of several objects the smallest.
-
-    Args:
-        points: (2, N) middles of the cells [px].
-        strides: (N,) [px].
-        truths: Of a batch.
+    """Give each object of a batch the cells around its middle, and a cell of several objects the smallest. Takes the
+    middles (2, N) [px] and strides (N,) [px] of the cells.
     """
     sides = truths.xyxy[..., 2:] - truths.xyxy[..., :2]
     # Cells near the middle of a box and in it, or those around it where it is small.
@@ -83,12 +79,7 @@ _MISS, _ALARM = 2.0, 0.75  # How much scores of cells with an object, and of oth
 
 def loss(logits: Tensor, boxes: Tensor, targets: Targets) -> Tensor:
     """Return the loss of a batch: scores should tell how well the box fits (varifocal loss, Zhang et al., CVPR 2021),
-    boxes should fit (GIoU, Rezatofighi et al., CVPR 2019).
-
-    Args:
-        logits: (B, C, N).
-        boxes: (B, 4, N) [px].
-        targets: What they should have been.
+    boxes should fit (GIoU, Rezatofighi et al., CVPR 2019). Takes logits (B, C, N) and boxes (B, 4, N) [px].
     """
     found, wanted = boxes.transpose(1, 2)[targets.is_object], targets.xyxy[targets.is_object]
     fit = giou(found, wanted)

@@ -14,10 +14,8 @@ class Branches:
 
     A branch takes the clock that times its stages, and gives its result. What it writes to (state of its stages, lists
     of faults) must be its own. The calling thread works too, so that there are no others where one is all there is.
-    The others are started when first needed, and end with this object.
-
-    Args:
-        threads: How many may work at once; `None`: `num_threads()`.
+    The others are started when first needed, and end with this object. `threads` may work at once; `None`:
+    `num_threads()`.
     """
 
     def __init__(self, threads: int | None = None) -> None:

@@ -37,12 +37,8 @@ class Alongside:
     """Gives each result to at most one frame: the nearest one.
 
     Which frame comes next isn't known yet. So what lies behind a frame counts as its own up to half of the median
-    period of the frames before it.
-
-    Args:
-        results: In the order in which they were recorded.
-        tolerance_ns: How far stamps of a frame and its result may differ.
-        offset_ns: What results' stamps are ahead of those of their frames.
+    period of the frames before it. Results come in the order in which they were recorded. Their stamps may differ from
+    those of their frames by `tolerance_ns` [ns], and are ahead of them by `offset_ns` [ns].
     """
 
     def __init__(self, results: Iterator[Truth], tolerance_ns: int, offset_ns: int) -> None:
@@ -150,11 +146,7 @@ _POSES_ALONGSIDE_LOOK_AHEAD_NS = 2_000_000_000
 
 class PosesAlongside:
     """Interpolates between the poses around a frame, as for truth, though the later one isn't there yet when the frame
-    is complete.
-
-    Args:
-        poses: In the order in which they were recorded.
-        name: The stream that counts.
+    is complete. Poses come in the order in which they were recorded; of their streams that with this name counts.
     """
 
     def __init__(self, poses: Iterator[Pose], name: str | None) -> None:
@@ -204,12 +196,7 @@ class Found:
 
 
 class RecordedBoxes:
-    """Finds the result of each frame.
-
-    Args:
-        pipeline: Who asks, for errors.
-        params: Which results, and how they belong to frames.
-    """
+    """Finds the result of each frame for a pipeline, whose name errors give."""
 
     def __init__(self, pipeline: str, params: Which) -> None:
         self._pipeline, self._params = pipeline, params

@@ -57,13 +57,7 @@ def mahalanobis_nearness(states: States, measured: Float64, measured_std: Float6
     """Similarity (T, M) by distance in standard deviations of what is expected, 0 from `gate` of them on.
 
     The squared distance is (z - H x)' (H P H' + R)^-1 (z - H x) (P. C. Mahalanobis, 1936), where components don't
-    influence each other.
-
-    Args:
-        states: T tracks, predicted.
-        measured: (M, m)
-        measured_std: (m,), or (M, m) for each measurement.
-        gate: In standard deviations.
+    influence each other. Takes predicted states, measurements (M, m) and their standard deviations (m,) or (M, m).
     """
     variance = np.broadcast_to(measured_std, measured.shape) ** 2
     apart = measured[None, :, :] - states.place[:, None, :]
@@ -71,9 +65,10 @@ def mahalanobis_nearness(states: States, measured: Float64, measured_std: Float6
     return nearness(np.sqrt(squared), np.full(len(states), gate))
 
 
-def footprint_iou(a: Float64, b: Float64) -> Float64:
-    """Overlap (N, M) seen from above of upright boxes (N, 7) and (M, 7): center, size, heading."""
-    return _flat_iou(a, b, solid=False)
+def footprint_iou(a: Float64, b: Float64, solid: bool = False) -> Float64:
+    """Overlap (N, M) of upright boxes (N, 7) and (M, 7), center, size, heading: seen from above, or in space."""
+    starts = np.array([0, len(a)], np.int64), np.array([0, len(b)], np.int64)  # all boxes are of one step
+    return flat_iou(a, b, *starts, solid=solid).reshape(len(a), len(b))
 
 
 def image_iou(a: Array, b: Array) -> Float64:
@@ -102,9 +97,4 @@ def giou_3d(a: Float64, b: Float64) -> Float64:
     """
     from fbench.pipelines.tracking.kernels import generalize_iou  # numba takes a while to import
 
-    return generalize_iou(np.ascontiguousarray(a), np.ascontiguousarray(b), _flat_iou(a, b, solid=True))
-
-
-def _flat_iou(a: Float64, b: Float64, solid: bool) -> Float64:
-    starts = np.array([0, len(a)], np.int64), np.array([0, len(b)], np.int64)  # all boxes are of one step
-    return flat_iou(a, b, *starts, solid=solid).reshape(len(a), len(b))
+    return generalize_iou(np.ascontiguousarray(a), np.ascontiguousarray(b), footprint_iou(a, b, solid=True))

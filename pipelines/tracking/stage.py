@@ -47,11 +47,8 @@ def predict_output(
 ) -> Output:
     """Output of a frame that isn't due: the predicted tracks stand for its detections; nothing is decoded.
 
-    Args:
-        predict: Gives the tracks at the frame's instant, marked as predicted; timed as `track`.
-        missing: Sensors that the pipeline can't use in any frame, with the reason.
-        clock: With the stages that ran before.
-        faults: Met before.
+    `predict` gives the tracks at the frame's instant, marked as predicted, and is timed as `track`, after the stages of
+    `clock`. Sensors are `missing` that the pipeline can't use in any frame, with the reason.
     """
     clock = clock or StageClock()
     with clock.stage("track"):
@@ -77,11 +74,8 @@ class Detected(Generic[B]):
 
 
 class TrackingPipeline(ABC, Generic[B]):
-    """Detects in the frames that are due, predicts tracks in the others; subclasses know how to detect.
-
-    Args:
-        tracker: In space it tracks in world coordinates where the log has poses.
-        detect_every: See `DetectionInterval`.
+    """Detects in the frames that are due (see `DetectionInterval`), predicts tracks in others; subclasses know how to
+    detect. Trackers in space track in world coordinates where the log has poses.
     """
 
     missing: Mapping[str, str] = NOTHING  # Sensors that can't be used in any frame, with the reason

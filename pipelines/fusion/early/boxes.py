@@ -46,27 +46,17 @@ def fit_shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) 
     return Shapes(rectangles, by_shape, np.where(by_shape, top, 0.0), np.where(by_shape, bottom, 0.0))
 
 
-@dataclass(frozen=True, eq=False)
-class GroupBoxes:
-    """Boxes of groups (M,)."""
-
-    center_m: Float64  # (M, 3) [m]
-    size_lwh_m: Float64  # (M, 3) [m]
-    yaw_rad: Float64  # (M,) [rad]
-    overlap: Float64  # (M,) IoU of the projected box with the camera's, NaN without
-
-
-def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, label: Text) -> GroupBoxes:
+def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, label: Text) -> tuple[Boxes3D, Float64]:
     """Complete what is seen of groups to objects of their label's typical size.
 
     Which of the edges that are seen are sides follows from their lengths only where one is long enough. For what a
     camera sees there are four guesses: either edge of the rectangle may be the side, and either heading that looks as
     wide as the camera's box, with the object put behind its near side along the line of sight. The one that covers the
-    camera's box best is taken.
+    camera's box best is taken. Also returns the IoU (M,) of the projected boxes with the camera's, NaN without.
     """
     # What a camera takes for a truck may be as low as a van.
-    size = scene.shapes.size
-    typical = {name: SIZES[name].lwh_m for name in SIZES} | {"car": (size.length_m, size.width_m, size.height_m)}
+    car = scene.shapes.size
+    typical = {name: SIZES[name].lwh_m for name in SIZES} | {"car": (car.length_m, car.width_m, car.height_m)}
     lwh = np.array([typical[str(name)] for name in label], np.float64).reshape(-1, 3)
     for row in np.flatnonzero((groups.observation >= 0) & (label != "car")).tolist():
         lwh[row] = seen.observations[groups.observation[row]].size_lwh_m
@@ -91,12 +81,8 @@ def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, lab
     choice = np.where(has_camera, np.argmax(worth, axis=1), np.where(shape.by_shape, 0, 2))
     rows = np.arange(len(groups))
     best = table[rows, choice]
-    return GroupBoxes(
-        center_m=np.column_stack([best[:, :2], z[rows, choice]]),
-        size_lwh_m=np.column_stack([best[:, 2:4], lwh[:, 2]]),
-        yaw_rad=best[:, 4],
-        overlap=np.where(has_camera, overlap[rows, choice], np.nan),
-    )
+    center, size = np.column_stack([best[:, :2], z[rows, choice]]), np.column_stack([best[:, 2:4], lwh[:, 2]])
+    return Boxes3D(center, size, best[:, 4]), np.where(has_camera, overlap[rows, choice], np.nan)
 
 
 def _guess_along_ray(scene: Scene, seen: Observed, groups: Groups, row: int, length_width: Float64) -> Float64:

@@ -1,7 +1,7 @@
 """Early fusion in 3D: from one cloud and the boxes of cameras to objects."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -100,14 +100,12 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
     by_shape, label = classify_shapes(scene, groups, shape)
     names = np.array([one.label for one in seen.observations] or [""], np.str_)
     label = np.where(groups.observation >= 0, names[groups.observation], label)
-    boxes = place_boxes(scene, seen, groups, shape, label)
-    score = _existence(scene, seen, groups, counts, by_shape, boxes.overlap, params.existence)
+    boxes, overlap = place_boxes(scene, seen, groups, shape, label)
+    score = _existence(scene, seen, groups, counts, by_shape, overlap, params.existence)
     bearing = np.arctan2(boxes.center_m[:, 1] - scene.eye_m[1], boxes.center_m[:, 0] - scene.eye_m[0])
     rate = _rates(cloud, groups, counts)
-    found = Boxes3D(
-        center_m=boxes.center_m,
-        size_lwh_m=boxes.size_lwh_m,
-        yaw_rad=boxes.yaw_rad,
+    found = replace(
+        boxes,
         velocity_mps=np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate]),
         label=label,
         score=score,

@@ -286,10 +286,6 @@ class LidarStage:
         points = self.points(frame, clock)
         if points is None:
             return LidarView(self._plane, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
-        return self.detect(points, clock)
-
-    def detect(self, points: Float64, clock: StageClock) -> LidarView:
-        """Detect in points as `points` gives them."""
         found = self.obstacles(points, clock)
         with clock.stage("detect.lidar"):
             seen = detect(found, self._viewpoint, self._params)

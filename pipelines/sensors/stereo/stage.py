@@ -4,14 +4,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fbench.pipelines.sensors.lidar import lidar
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams
-from fbench.pipelines.sensors.lidar.lidar import (
-    LidarClusterParams,
-    LidarParams,
-    LidarView,
-    classify_obstacles,
-    obstacles,
-)
+from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams, LidarView
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.points.vehicle import VehicleSize, fading
@@ -171,14 +166,14 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     `eye_m` (2,) is where the left camera is, `focal_baseline` f B [px m] what depth follows from.
     """
     how = params.as_lidar
-    found = obstacles(xyz, how)
+    found = lidar.obstacles(xyz, how)
     # Points are moved to where a radius of 1 is that of the parameters everywhere: across the line of sight that is the
     # azimuth over eps_rad, along it the integral of dr / (e + k r^2), which is atan(r sqrt(k / e)) / sqrt(k e).
     x, y = (found.xyz[:, :2] - eye_m).T
     own, growth = params.cluster, 2 * params.cluster.sigma_px / focal_baseline
     along = np.arctan(np.hypot(x, y) * np.sqrt(growth / own.eps_m)) / np.sqrt(growth * own.eps_m)
     cluster = dbscan(np.column_stack([along, np.arctan2(y, x) / own.eps_rad]), 1.0, own.min_points)
-    view = classify_obstacles(found, cluster, eye_m, how)
+    view = lidar.classify_obstacles(found, cluster, eye_m, how)
     score = view.boxes.score
     if view.plane is None or score is None or not len(score):
         return view
