@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import overload
+from typing import Any
 
 import numpy as np
 
@@ -13,18 +13,10 @@ from fbench.replay.data.boxes import Boxes2D, Source
 SENSOR_LIMIT = 1 - 0.98  # No sensor alone can be surer of an object than 1 less this, nor of none than this
 
 
-@overload
-def log_odds(probability: float, least: float = SENSOR_LIMIT) -> float: ...
-
-
-@overload
-def log_odds(probability: Float64, least: float = SENSOR_LIMIT) -> Float64: ...
-
-
-def log_odds(probability: float | Float64, least: float = SENSOR_LIMIT) -> float | Float64:
+def log_odds(probability: float | Float64, least: float = SENSOR_LIMIT) -> Any:
     """Logarithm of the odds of probabilities, which count as `least` at least and 1 - `least` at most; NaN stays."""
     p = np.clip(probability, least, 1 - least)
-    return np.log(p / (1 - p))  # type: ignore[no-any-return]
+    return np.log(p / (1 - p))
 
 
 def probability_of(odds: Float64) -> Float64:

@@ -62,31 +62,30 @@ class Entry:
         return self.url.rpartition("/")[2]
 
 
-def _yolox(name: str, ap: float, side_px: int, num_bytes: int, sha256: str) -> Entry:
-    url = f"{_YOLOX}/yolox_{name.lower()}.onnx"
-    return Entry(
-        f"yolox-{name.lower()}", f"YOLOX-{name}", "Megvii", "Apache-2.0", ap, (side_px, side_px), _YOLOX_PAGE,
-        url, _GITHUB, num_bytes, sha256,
-    )  # fmt: skip
-
-
-def _deimv2(name: str, ap: float, side_px: int, num_bytes: int, sha256: str) -> Entry:
-    url = f"{_DEIMV2}/deimv2_hgnetv2_{name.lower()}_coco.onnx"
-    return Entry(
-        f"deimv2-{name.lower()}", f"DEIMv2-{name}", "Intellindust AI Lab, exported by Kazuhito00", "Apache-2.0", ap,
-        (side_px, side_px), _DEIMV2_PAGE, url, _RAW, num_bytes, sha256,
-    )  # fmt: skip
+def _entry(name: str, ap: float, side_px: int, num_bytes: int, sha256: str) -> Entry:
+    family, size = name.split("-")
+    by, page, url, origins = {
+        "YOLOX": ("Megvii", _YOLOX_PAGE, f"{_YOLOX}/yolox_{size.lower()}.onnx", _GITHUB),
+        "DEIMv2": (
+            "Intellindust AI Lab, exported by Kazuhito00",
+            _DEIMV2_PAGE,
+            f"{_DEIMV2}/deimv2_hgnetv2_{size.lower()}_coco.onnx",
+            _RAW,
+        ),
+    }[family]
+    sides = side_px, side_px
+    return Entry(name.lower(), name, by, "Apache-2.0", ap, sides, page, url, origins, num_bytes, sha256)
 
 
 CATALOGUE = (
-    _deimv2("Atto", 23.8, 320, 2_248_408, "b114aa6610ac7c2bd9b3186ffb001afa872430db957407ef2473f7148d00646e"),
-    _deimv2("Femto", 31.0, 416, 4_116_144, "c6ad358f750132b891165e034c2ba507abefc5ebe1c1d2732a0acbcacc47e52c"),
-    _yolox("Nano", 25.8, 416, 3_659_407, "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d"),
-    _yolox("Tiny", 32.8, 416, 20_219_662, "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7"),
-    _yolox("S", 40.5, 640, 35_858_002, "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063"),
-    _yolox("M", 47.2, 640, 101_259_744, "21ff6cfdeb53b013bac2249599e55f00bff3cfdfdab37ed7a4620818c1d15b3f"),
-    _yolox("L", 50.1, 640, 216_746_733, "7860ae79de6c89a3c1eb72ae9a2756c0ccfbe04b7791bb5880afabd97855a411"),
-    _yolox("X", 51.5, 640, 396_142_663, "c892d7aaf1c4746d8a4d675bec669a4db4f434b4ee1efb654bc9b353379c7c55"),
+    _entry("DEIMv2-Atto", 23.8, 320, 2_248_408, "b114aa6610ac7c2bd9b3186ffb001afa872430db957407ef2473f7148d00646e"),
+    _entry("DEIMv2-Femto", 31.0, 416, 4_116_144, "c6ad358f750132b891165e034c2ba507abefc5ebe1c1d2732a0acbcacc47e52c"),
+    _entry("YOLOX-Nano", 25.8, 416, 3_659_407, "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d"),
+    _entry("YOLOX-Tiny", 32.8, 416, 20_219_662, "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7"),
+    _entry("YOLOX-S", 40.5, 640, 35_858_002, "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063"),
+    _entry("YOLOX-M", 47.2, 640, 101_259_744, "21ff6cfdeb53b013bac2249599e55f00bff3cfdfdab37ed7a4620818c1d15b3f"),
+    _entry("YOLOX-L", 50.1, 640, 216_746_733, "7860ae79de6c89a3c1eb72ae9a2756c0ccfbe04b7791bb5880afabd97855a411"),
+    _entry("YOLOX-X", 51.5, 640, 396_142_663, "c892d7aaf1c4746d8a4d675bec669a4db4f434b4ee1efb654bc9b353379c7c55"),
 )
 
 

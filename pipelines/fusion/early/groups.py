@@ -158,7 +158,11 @@ def group_points(cloud: FusedCloud, seen: Observed, cluster: Int64, weight: Floa
     """
     num = len(seen.observations)
     group = np.where(cluster >= 0, cluster + num, -1)
-    extent, is_taken = _diagonals(cloud, cluster), np.zeros(len(cloud) + 1, np.bool_)
+    sorted_rows = np.argsort(cluster, kind="stable")
+    sorted_rows = sorted_rows[np.searchsorted(cluster[sorted_rows], 0) :]
+    begin, xy = np.flatnonzero(np.diff(cluster[sorted_rows], prepend=-1)), cloud.xyz[sorted_rows, :2]
+    sides = np.maximum.reduceat(xy, begin) - np.minimum.reduceat(xy, begin) if len(xy) else np.zeros((0, 2))
+    extent, is_taken = np.hypot(sides[:, 0], sides[:, 1]), np.zeros(len(cloud) + 1, np.bool_)  # diagonals [m]
     own, shown = {}, np.flatnonzero(seen.instance >= 0)
     for one in np.unique(seen.instance[shown]).tolist():
         rows = shown[seen.instance[shown] == one]
@@ -178,17 +182,6 @@ def group_points(cloud: FusedCloud, seen: Observed, cluster: Int64, weight: Floa
     rows = rows[np.argsort(group[rows], kind="stable")]
     names, first = np.unique(group[rows], return_index=True)
     return Groups(rows, np.append(first, len(rows)), np.where(names < num, names, -1))
-
-
-def _diagonals(cloud: FusedCloud, cluster: Int64) -> Float64:
-    """Diagonals of clusters' outlines along x and y (K,) [m]."""
-    rows = np.flatnonzero(cluster >= 0)
-    if not len(rows):
-        return np.zeros(0)
-    rows = rows[np.argsort(cluster[rows], kind="stable")]
-    first, xy = np.flatnonzero(np.diff(cluster[rows], prepend=-1)), cloud.xyz[rows, :2]
-    sides = np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)
-    return np.asarray(np.hypot(sides[:, 0], sides[:, 1]), np.float64)
 
 
 @dataclass(frozen=True, eq=False)

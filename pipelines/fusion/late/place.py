@@ -86,7 +86,10 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
         # Only LiDAR's class says how long it is: what cameras call a truck may be a van.
         is_known = group.lidar >= 0 and label == _lidar_label(seen.lidar, group.lidar)
         estimates.append(_radar_estimate(radar_box, size if is_known else radar_box.size_lwh_m[0], yaw, params))
-    xy = _join(estimates)
+    total = sum((weight for _, weight in estimates), np.zeros((2, 2)))
+    x, y = sum((weight[:, 0] * xy[0] + weight[:, 1] * xy[1] for xy, weight in estimates), np.zeros(2))
+    determinant = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]
+    xy = np.array([total[1, 1] * x - total[0, 1] * y, total[0, 0] * y - total[1, 0] * x]) / determinant
     if not label:
         label = "truck" if size[0] > LONG_M else "van" if size[0] > LONG_CAR_M and size[2] > HIGH_VAN_M else "car"
     velocity = np.full(3, np.nan)
@@ -219,14 +222,6 @@ def _radar_estimate(box: Boxes3D, size: Float64, yaw_rad: float, params: Associa
 def _estimate(xy: Float64, axis_rad: float, std_along_m: float, std_across_m: float) -> _Estimate:
     forward, left = _axes(axis_rad)
     return xy, np.outer(forward, forward) / std_along_m**2 + np.outer(left, left) / std_across_m**2
-
-
-def _join(estimates: list[_Estimate]) -> Float64:
-    total = sum((weight for _, weight in estimates), np.zeros((2, 2)))
-    x, y = sum((weight[:, 0] * xy[0] + weight[:, 1] * xy[1] for xy, weight in estimates), np.zeros(2))
-    determinant = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]
-    xy = np.array([total[1, 1] * x - total[0, 1] * y, total[0, 0] * y - total[1, 0] * x])
-    return np.asarray(xy / determinant, np.float64)
 
 
 def _middle_z(seen: Observations, group: Association, xy: Float64, height_m: float) -> float:

@@ -5,6 +5,7 @@ those of onnx.proto (ONNX, Apache-2.0).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -158,11 +159,14 @@ class Model:
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from error
         self._size = self._layout.input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
-        self._num = self._layout.batch or max(1, MAX_BATCH_PX // (self._size[0] * self._size[1]))
-        if self._layout.batch is not None or self._num == 1 or not self._takes(2):
-            self._num = self._layout.batch or 1
-            self._try(self._num)
         self.metadata = header.metadata
+        self._num = self._layout.batch or max(1, MAX_BATCH_PX // (self._size[0] * self._size[1]))
+        with suppress(ModelError):
+            if self._layout.batch is None and self._num > 1:
+                self._try(2)
+                return
+        self._num = self._layout.batch or 1
+        self._try(self._num)
 
     def batches(self, images: Sequence[Pixels]) -> list[Batch]:
         """Fit images (H, W, 3) BGR into inputs, as many a call as the model takes."""
@@ -183,13 +187,6 @@ class Model:
         filled = [*images, *[images[-1]] * (num - len(images))] if self._layout.batch else images
         sizes = [(image.shape[1], image.shape[0]) for image in filled]
         return Batch(self._layout.feeds(filled), sizes, len(images))
-
-    def _takes(self, num: int) -> bool:
-        try:
-            self._try(num)
-        except ModelError:
-            return False
-        return True
 
     def _try(self, num: int) -> None:
         blank = np.full((self._size[1], self._size[0], 3), PAD_VALUE, np.uint8)

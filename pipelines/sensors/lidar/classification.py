@@ -249,15 +249,8 @@ def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
                 "bicycle": others.bicycle, "pedestrian": others.pedestrian}  # fmt: skip
     sizes = tuple(by_label[label] for label in model.labels.tolist())
     boxes = _complete(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))
-    score = _one_at_a_place(boxes)
-    return Boxes3D(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, label=model.labels[kind], score=score)
-
-
-def _one_at_a_place(boxes: Boxes3D) -> Float64:
-    """Scores (M,), each times the probability that none of the likelier boxes around its middle is there.
-
-    Where two parts of one vehicle are two clusters, both are completed to all of it. Of equal scores the first counts.
-    """
+    # Scores count times the probability that none of the likelier boxes around their middles is there: where two parts
+    # of one vehicle are two clusters, both are completed to all of it. Of equal scores the first counts.
     score = np.zeros(0) if boxes.score is None else boxes.score
     offset = boxes.center_m[:, None, :2] - boxes.center_m[None, :, :2]
     cos, sin = np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
@@ -266,7 +259,8 @@ def _one_at_a_place(boxes: Boxes3D) -> Float64:
     inside = (along < boxes.size_lwh_m[:, 0] / 2) & (across < boxes.size_lwh_m[:, 1] / 2)
     order = np.arange(len(score))
     likelier = (score > score[:, None]) | ((score == score[:, None]) & (order < order[:, None]))
-    return np.asarray(score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1), np.float64)
+    score = score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1)
+    return Boxes3D(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, label=model.labels[kind], score=score)
 
 
 def _complete(seen: Seen, kind: Int64, sizes: tuple[VehicleSize, ...], top_m: Float64, score: Float64) -> Boxes3D:

@@ -68,23 +68,20 @@ class Rectifier:
 
 def rectifier(rig: Rig, pair: Pair, shrink: int) -> Rectifier:
     """Compute how a pair is shrunk and rectified. Raises LogError for an unknown lens, or images too small to match."""
-    small = Rig(rig.mounts, {name: _shrunk(rig.cameras[name], shrink) for name in (pair.left, pair.right)})
+    cameras = {}
+    for name in (pair.left, pair.right):  # pixel centers stay at integers
+        camera, K = rig.cameras[name], rig.cameras[name].K.copy()
+        width, height = (max(side // shrink, 1) for side in camera.size_wh)
+        ratio = np.array([width, height]) / np.array(camera.size_wh)
+        K[:2] *= ratio[:, None]
+        K[:2, 2] += 0.5 * ratio - 0.5
+        cameras[name] = CameraModel(K, (width, height), camera.distortion_model, camera.distortion)
+    small = Rig(rig.mounts, cameras)
     how = rectified(small, pair)
     body_T_left = rig.body_T_sensor(pair.left)
     if _is_straight(small, pair):
         return Rectifier(pair, small.cameras[pair.left], pair.baseline_m, body_T_left, None)
     return Rectifier(pair, how.camera, how.baseline_m, body_T_left @ inverse(how.rectified_T_left), how)
-
-
-def _shrunk(camera: CameraModel, shrink: int) -> CameraModel:
-    """Return the model of images that are made smaller; pixel centers stay at integers."""
-    size = np.array(camera.size_wh)
-    small = np.maximum(size // shrink, 1)
-    K = camera.K.copy()
-    K[:2] *= (small / size)[:, None]
-    K[:2, 2] += 0.5 * (small / size) - 0.5
-    width, height = (int(n) for n in small)
-    return CameraModel(K, (width, height), camera.distortion_model, camera.distortion)
 
 
 def _is_straight(rig: Rig, pair: Pair) -> bool:
