@@ -9,7 +9,15 @@ import numpy as np
 from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Points
-from fbench.pipelines.sensors.image.stage import SURE, InImages, Rays, Sightings, by_camera, nearest_dense, share_beyond
+from fbench.pipelines.sensors.image.stage import (
+    SURE,
+    ImageObservations,
+    InImages,
+    Rays,
+    by_camera,
+    nearest_dense,
+    share_beyond,
+)
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -76,7 +84,7 @@ class ImageView:
 
     rig: Rig
     camera: str
-    seen: Sightings
+    seen: ImageObservations
     works: bool  # Whether the camera itself worked
     points: Mapping[Source, Points] = field(default_factory=dict)
     """Points of LiDAR and radar over the ground, where fusion is early."""
@@ -129,7 +137,7 @@ class ImageFusion:
         return ImageView(
             rig=self._rig,
             camera=camera,
-            seen=Sightings.join(parts),
+            seen=ImageObservations.join(parts),
             works=found is not None,
             points={kind: view.points[camera] for kind, view in others.items() if camera in view.points},
             rays={kind: view.rays[camera] for kind, view in others.items() if camera in view.rays},
@@ -171,7 +179,7 @@ def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) 
     )
 
 
-def associate(seen: Sightings, min_similarity: float) -> list[Int64]:
+def associate(seen: ImageObservations, min_similarity: float) -> list[Int64]:
     """Group boxes (N) that show one object; each group has at most one box of each kind of sensor.
 
     The best pair is joined first, whichever sensors it is of: the most similar one of the surest boxes. A camera's weak
@@ -192,7 +200,7 @@ def associate(seen: Sightings, min_similarity: float) -> list[Int64]:
     return [np.flatnonzero(group == number) for number in np.unique(group)]
 
 
-def similarity(seen: Sightings) -> Float64:
+def similarity(seen: ImageObservations) -> Float64:
     """Similarity of boxes (N, N), 0 to 1: their overlap in the image times how well their depths agree."""
     flat = seen.xyxy_px.copy()
     flat[:, 1], flat[:, 3] = 0.0, 1.0  # compares left and right only
@@ -205,7 +213,7 @@ def similarity(seen: Sightings) -> Float64:
     return np.where(upright, *(np.maximum(overlap, overlap.T) for overlap in overlaps)) * depths
 
 
-def _depth_agreement(seen: Sightings) -> Float64:
+def _depth_agreement(seen: ImageObservations) -> Float64:
     """How well depths agree (N, N): 1 where they are equal or one isn't known, falling with their relative errors."""
     log = np.log(np.maximum(seen.depth_m, 0.1))
     difference = np.nan_to_num(log[:, None] - log[None, :])
@@ -222,7 +230,7 @@ def _inside_shares(a: Float64, b: Float64) -> Float64:
     return np.asarray(common / np.maximum(area, 1e-9)[:, None], np.float64)
 
 
-def _drop_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
+def _drop_parts(seen: ImageObservations, groups: list[Int64]) -> list[Int64]:
     """Leave out parts of what a sure camera and another sensor show together, unless a camera is surer of the part."""
     sure = (seen.source == int(Source.C)) & ~seen.weak
     whole = [rows for rows in groups if sure[rows[0]] and len(rows) > 1]
@@ -268,7 +276,7 @@ def _object(
     )
 
 
-def _point_evidence(seen: Sightings, at: int, points: Points) -> PointEvidence | None:
+def _point_evidence(seen: ImageObservations, at: int, points: Points) -> PointEvidence | None:
     """Find the nearest dense depth of the points in box `at`, near what the camera guesses; `None` without any."""
     inside = _in_box(points, seen.xyxy_px[at])
     guess, std = seen.depth_m[at], seen.depth_std[at]
@@ -296,7 +304,7 @@ def _rate(points: Points, rows: Bool) -> float:
     return rate - float(np.nanmedian(own))
 
 
-def _outline(seen: Sightings, of: Mapping[Source, int], params: ImageFusionParams) -> Float64:
+def _outline(seen: ImageObservations, of: Mapping[Source, int], params: ImageFusionParams) -> Float64:
     """Outline (4,) [px] by the camera, drawn toward that of the points, the more the less the camera is sure; without
     a camera by LiDAR, else radar.
     """

@@ -205,7 +205,7 @@ def resolve_settings(settings: Sequence[str], catalogue: Sequence[Entry] = CATAL
 TIMEOUT_S = 30.0
 
 
-def downloaded(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iterator[bytes]:
+def download(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iterator[bytes]:
     """Yield the content of an entry's address as it comes in; proxies are taken from the environment. Raises ModelError
     where the address can't be reached, or leads where the entry doesn't allow; it says that the file belongs at
     `target`. `timeout_s` is the longest wait [s] for an answer, or for the next bytes.

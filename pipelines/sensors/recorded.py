@@ -33,7 +33,7 @@ class _Held:
     is_done: bool = False  # Whether a frame took it, or it was counted as one that none took
 
 
-class Alongside:
+class ResultFinder:
     """Gives each result to at most one frame: the nearest one.
 
     Which frame comes next isn't known yet. So what lies behind a frame counts as its own up to half of the median
@@ -140,11 +140,11 @@ def _is_between(held: _Held, before: Frame, frame: Frame) -> bool:
     return before.stamp_ns < held.stamp_ns < frame.stamp_ns
 
 
-_POSES_ALONGSIDE_LOOK_AHEAD_NS = 2_000_000_000
+_POSES_AHEAD_NS = 2_000_000_000
 """Poses are read so far behind a frame's arrival in search of the one that follows it."""
 
 
-class PosesAlongside:
+class PoseFinder:
     """Interpolates between the poses around a frame, as for truth, though the later one isn't there yet when the frame
     is complete. Poses come in the order in which they were recorded; of their streams that with this name counts.
     """
@@ -161,7 +161,7 @@ class PosesAlongside:
             self._take(self._next)
         self._found.open(index, frame.stamp_ns)
         while self._found.is_waiting:
-            if self._next is None or self._next.log_ns > arrived_ns + _POSES_ALONGSIDE_LOOK_AHEAD_NS:
+            if self._next is None or self._next.log_ns > arrived_ns + _POSES_AHEAD_NS:
                 self._found.finish()
             else:
                 self._take(self._next)
@@ -202,13 +202,13 @@ class RecordedBoxes:
         self._pipeline, self._params = pipeline, params
         self._name = params.topic or "results"
         self._log: BoxReader | None = None
-        self._alongside: Alongside | None = None
-        self._poses: PosesAlongside | None = None
+        self._finder: ResultFinder | None = None
+        self._poses: PoseFinder | None = None
         self.kind: type[Boxes] = Boxes3D
 
     def use_log(self, log: BoxReader) -> None:
         """Take the log whose results are meant."""
-        self._log, self._alongside = log, None
+        self._log, self._finder = log, None
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Find out whether boxes are in 3D or in images; a result that holds both counts in 3D. Raises LogError where
@@ -217,23 +217,23 @@ class RecordedBoxes:
         self._rig = rig
         if self._log is None:
             raise ConfigError(f"pipeline '{self._pipeline}' reads results from a log, and got none")
-        if self._alongside is None:
+        if self._finder is None:
             self.kind = self._first_kind(self._log, log_info)
             results = self._log.detections(self._params.topic)
             tolerance_ns, offset_ns = (round(ms * 1e6) for ms in (self._params.tolerance_ms, self._params.offset_ms))
-            self._alongside = Alongside(results, tolerance_ns, offset_ns)
-            self._poses = PosesAlongside(self._log.body_poses(), min(self._log.poses, default=None))
+            self._finder = ResultFinder(results, tolerance_ns, offset_ns)
+            self._poses = PoseFinder(self._log.body_poses(), min(self._log.poses, default=None))
 
     def enter(self) -> None:
         """Begin a segment."""
-        if self._alongside is not None:
-            self._alongside.enter()
+        if self._finder is not None:
+            self._finder.enter()
 
     def take(self, frame: Frame) -> Found:
         """Return what was recorded for the next frame."""
-        if self._alongside is None:
+        if self._finder is None:
             raise ConfigError(f"pipeline '{self._pipeline}' wasn't started")
-        result, num_passed = self._alongside.take(frame)
+        result, num_passed = self._finder.take(frame)
         world_T_body = None if self._poses is None else self._poses.world_T_body(frame)
         faults = (Fault("PRD003", f"{self._name} before frame {frame.index}"),) * num_passed
         if result is None:

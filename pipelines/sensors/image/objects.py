@@ -121,7 +121,7 @@ class Groups:
         return np.asarray(self.cloud.moves[self.first[:-1]], np.bool_)
 
 
-def likeness(groups: Groups, params: ShapeParams) -> Float64:
+def score_groups(groups: Groups, params: ShapeParams) -> Float64:
     """Score groups in [0, 1], as the product of all that is known about vehicles.
 
     Of those that move only their size and number of points are asked: what moves is no wall and no tree.
@@ -226,7 +226,7 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarI
     depth = np.minimum.reduceat(points.depth_m[member], groups.first[:-1])
     found = Spots(
         xyxy_px=outlines(rig, camera, groups, points.uv_px[member], points.depth_m[member], margin),
-        score=likeness(groups, params.shape),
+        score=score_groups(groups, params.shape),
         center_m=center,
         size_lwh_m=np.column_stack([whole.size_lw_m, height]),
         depth_m=depth,

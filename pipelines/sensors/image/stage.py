@@ -43,7 +43,7 @@ _MEASURED_STD, _MEASURED_STD_M = 0.04, 1.2  # Error of measured depths, as a sha
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings(Rows):
+class ImageObservations(Rows):
     """N boxes in one image, of one or several kinds of sensors."""
 
     source: Array  # (N,) uint8, one bit of `Source`
@@ -60,7 +60,7 @@ class Sightings(Rows):
     spot: Int64  # (N,) row of the `Spots` that it is; -1: none
     upright: Bool  # (N,) whether its upper and lower edge are known; sparse radars don't tell heights
 
-    def sort(self) -> "Sightings":
+    def sort(self) -> "ImageObservations":
         """Sort by source, falling score, then place, so that the order in which they are given never matters."""
         return self[np.lexsort((*self.xyxy_px.T[::-1], -self.score, self.source))]
 
@@ -70,7 +70,7 @@ class Sightings(Rows):
         return np.asarray((self.source == int(Source.C)) & (self.score < SURE), np.bool_)
 
     @classmethod
-    def none(cls) -> "Sightings":
+    def none(cls) -> "ImageObservations":
         """Return no boxes."""
         none = np.zeros(0)
         return cls(
@@ -79,12 +79,12 @@ class Sightings(Rows):
         )  # fmt: skip
 
     @classmethod
-    def join(cls, parts: Sequence["Sightings"]) -> "Sightings":
+    def join(cls, parts: Sequence["ImageObservations"]) -> "ImageObservations":
         """Put several into one, in order."""
         return super().join([*parts, cls.none()]).sort()
 
 
-def by_camera(found: CameraDetections, camera: CameraModel) -> Sightings:
+def by_camera(found: CameraDetections, camera: CameraModel) -> ImageObservations:
     """What a camera sees, and at which depth an object with its label would be as tall as its box; NaN for boxes that
     the upper or lower border cuts off.
     """
@@ -97,24 +97,24 @@ def by_camera(found: CameraDetections, camera: CameraModel) -> Sightings:
     source = np.full(num, int(Source.C), np.uint8)
     std = np.full(num, _GUESS_STD)
     score = relative(found.score, found.min_score)
-    return Sightings(source, found.xyxy_px, score, found.label, depth, std, unknown, unknown, _no_spot(num),
+    return ImageObservations(source, found.xyxy_px, score, found.label, depth, std, unknown, unknown, _no_spot(num),
                      np.ones(num, np.bool_))  # fmt: skip
 
 
-def by_points(spots: Spots, source: Source) -> Sightings:
+def by_points(spots: Spots, source: Source) -> ImageObservations:
     """What LiDARs or radars see in the image."""
     rows = np.flatnonzero(np.isfinite(spots.xyxy_px).all(axis=1) & (spots.score > 0))
     spots = spots[rows]
     label = np.where(spots.size_lwh_m[:, 0] > LONG_M, "truck", "car")
     sources = np.full(len(spots), int(source), np.uint8)
     std = _compute_std(spots.depth_m)
-    return Sightings(
+    return ImageObservations(
         sources, spots.xyxy_px, spots.score, label, spots.depth_m, std, spots.distance_m, spots.rate_mps, rows,
         np.ones(len(rows), np.bool_),
     )  # fmt: skip
 
 
-def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: Source) -> Sightings:
+def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: Source) -> ImageObservations:
     """What boxes in space (N), with their changes of distance (N,) [m/s], look like in the image."""
     score = np.zeros(len(boxes)) if boxes.score is None else boxes.score
     outline, seen = project_boxes(rig, camera, boxes)
@@ -125,7 +125,7 @@ def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: S
     distance = np.sqrt((boxes.center_m**2).sum(axis=1))
     label = np.where(boxes.size_lwh_m[:, 0] > LONG_M, "truck", "car") if boxes.label is None else boxes.label
     sources = np.full(num, int(source), np.uint8)
-    return Sightings(
+    return ImageObservations(
         sources, outline[rows], score[rows], label, depth, _compute_std(depth), distance, rate_mps[rows],
         _no_spot(num), np.full(num, source != Source.R),
     )  # fmt: skip
@@ -155,13 +155,13 @@ def projectable(pipeline: str, rig: Rig, log_info: LogInfo) -> tuple[str, ...]:
     return good
 
 
-def drop_labels(seen: Mapping[str, Sightings], min_score: float) -> Boxes2D:
+def drop_labels(seen: Mapping[str, ImageObservations], min_score: float) -> Boxes2D:
     """Boxes by camera with at least `min_score`, of each the highest first; the same fields in every frame."""
     parts = [_boxes(name, one[one.score >= min_score]) for name, one in sorted(seen.items())]
-    return concatenate([*parts, _boxes("", Sightings.none())])
+    return concatenate([*parts, _boxes("", ImageObservations.none())])
 
 
-def _boxes(camera: str, seen: Sightings) -> Boxes2D:
+def _boxes(camera: str, seen: ImageObservations) -> Boxes2D:
     return Boxes2D(
         camera=np.full(len(seen), camera),
         xyxy_px=seen.xyxy_px,
@@ -234,7 +234,7 @@ def nearest_dense(depths_m: Float64, least: int) -> float:
 class InImages:
     """What one kind of sensor sees, by camera; nothing of it where no sensor delivered."""
 
-    seen: Mapping[str, Sightings] = field(default_factory=dict)
+    seen: Mapping[str, ImageObservations] = field(default_factory=dict)
     points: Mapping[str, Points] = field(default_factory=dict)  # Those over the ground
     rays: Mapping[str, Rays] = field(default_factory=dict)  # All points
 

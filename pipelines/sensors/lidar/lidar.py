@@ -97,7 +97,7 @@ class LidarView:
     it is one road user; by rules, without labels, and the score says how much it looks like a passenger car."""
 
 
-def judging(params: LidarParams, log_info: LogInfo) -> LidarParams:
+def resolve_judge(params: LidarParams, log_info: LogInfo) -> LidarParams:
     """Return parameters that say how clusters of this log are judged."""
     by_model = SIMULATED in log_info.metadata
     return params if params.judge is not None else replace(params, judge="model" if by_model else "rules")
@@ -266,7 +266,7 @@ class LidarStage:
     """Remembers how the ground lies, for frames in which no LiDAR tells, and how the body moves."""
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings) -> None:
-        self._rig, self._params = rig, judging(params, log_info)
+        self._rig, self._params = rig, resolve_judge(params, log_info)
         self.labeled = self._params.judge == "model"  # Whether boxes have labels
         own = settings.own("lidar", params, OWN)
         self._ranges_m = {name: (p.min_range_m, p.max_range_m or np.inf) for name, p in own.items()}

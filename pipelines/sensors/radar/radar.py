@@ -91,7 +91,7 @@ class Compensated:
     """
 
 
-def scoring(params: RadarParams, log_info: LogInfo) -> RadarParams:
+def resolve_scoring(params: RadarParams, log_info: LogInfo) -> RadarParams:
     """Return parameters that say how echoes of this log's radars count."""
     if params.full_score_within_m is not None or SIMULATED not in log_info.metadata:
         return params
@@ -198,7 +198,7 @@ class RadarStage:
     """Knows with which period each radar's velocities alias. Raises LogError where a period in the log is none."""
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: RadarParams, settings: SensorSettings) -> None:
-        self._rig, self._params = rig, scoring(params, log_info)
+        self._rig, self._params = rig, resolve_scoring(params, log_info)
         self._own = {
             name: replace(own, doppler=doppler.with_logged_ego_motion(name, log_info, own.doppler))
             for name, own in settings.own("radar", params, OWN).items()
