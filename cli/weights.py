@@ -39,9 +39,9 @@ def get(
     ] = None,
 ) -> None:
     """Fetch a detector, check it against its published sha256, and keep it in fbench's cache."""
-    from fbench.pipelines.models.weights import entry_named
+    from fbench.pipelines.models.weights import find_entry
 
-    get_weights(entry_named(name), file)
+    get_weights(find_entry(name), file)
 
 
 @app.command("train", epilog=examples.WEIGHTS_TRAIN)

@@ -53,16 +53,16 @@ def frame_request(sequence: int, frame: Frame) -> Pieces:
     for _, message in sorted(frame.messages.items()):
         small = schema.Message(sensor=message.sensor, stamp_ns=message.stamp_ns, log_ns=message.log_ns)
         number, content = _CONTENT[type(message)](message)
-        one = [small.SerializeToString(), *_nested(number, content)]
-        pieces += _nested(schema.Frame.MESSAGES_FIELD_NUMBER, one)
+        one = [small.SerializeToString(), *_nest(number, content)]
+        pieces += _nest(schema.Frame.MESSAGES_FIELD_NUMBER, one)
     sequenced = schema.Request(sequence=sequence).SerializeToString()
-    return [sequenced, *_nested(schema.Request.FRAME_FIELD_NUMBER, pieces)]
+    return [sequenced, *_nest(schema.Request.FRAME_FIELD_NUMBER, pieces)]
 
 
 def _image(image: Image) -> tuple[int, Pieces]:
     width, height = image.size_wh
     head = schema.Image(encoding=image.encoding, width_px=width, height_px=height)
-    data = _nested(schema.Image.DATA_FIELD_NUMBER, [image.data])
+    data = _nest(schema.Image.DATA_FIELD_NUMBER, [image.data])
     return schema.Message.IMAGE_FIELD_NUMBER, [head.SerializeToString(), *data]
 
 
@@ -106,11 +106,11 @@ def _columns(*columns: tuple[int, Array | None, str]) -> Pieces:
     for number, array, dtype in columns:
         if array is not None:
             # Bytes without a copy, where they lie in memory as they are wanted.
-            pieces += _nested(number, [np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data])
+            pieces += _nest(number, [np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data])
     return pieces
 
 
-def _nested(number: int, pieces: Sequence[bytes | memoryview]) -> Pieces:
+def _nest(number: int, pieces: Sequence[bytes | memoryview]) -> Pieces:
     return [_varint(number << 3 | 2) + _varint(sum(map(len, pieces))), *pieces]
 
 

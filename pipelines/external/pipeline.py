@@ -117,7 +117,7 @@ class Exec:
         """
         self._hello = messages.hello(rig, log_info)
         try:
-            with self._watched():
+            with self._watch():
                 ready = self._greet(self._dialogue or self._begin())
         except RefusedError as error:
             self._kill()
@@ -135,7 +135,7 @@ class Exec:
         if self._dialogue is None:
             return
         try:
-            with self._watched():
+            with self._watch():
                 self._dialogue.reset(reason, self._params.frame_timeout_s)
         except RefusedError:
             self._kill()  # it may still hold what it should have forgotten
@@ -146,7 +146,7 @@ class Exec:
         crashes or hangs. Raises ProtocolError where it doesn't keep to the protocol. Raises RefusedError where it says
         that it can't do this frame. Raises DataError where boxes are incomplete or not finite.
         """
-        with self._watched():
+        with self._watch():
             if (dialogue := self._dialogue) is None:
                 dialogue = self._begin()
                 try:
@@ -187,7 +187,7 @@ class Exec:
         return dialogue.greet(self._hello, self._params.start_timeout_s)
 
     @contextmanager
-    def _watched(self) -> Iterator[None]:
+    def _watch(self) -> Iterator[None]:
         """Kill a program that can't be trusted any more, and say what it said last."""
         try:
             yield

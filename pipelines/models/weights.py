@@ -89,7 +89,7 @@ CATALOGUE = (
 )
 
 
-def entry_named(name: str, catalogue: Sequence[Entry] = CATALOGUE) -> Entry:
+def find_entry(name: str, catalogue: Sequence[Entry] = CATALOGUE) -> Entry:
     """Return the entry of a name. Raises ConfigError for an unknown name, with the nearest one."""
     for entry in catalogue:
         if entry.name == name:
@@ -182,7 +182,7 @@ def resolve(weights: Weights, catalogue: Sequence[Entry] = CATALOGUE) -> Weights
         return weights
     if os.path.isdir(weights) and all(entry.name != weights.name for entry in catalogue):
         raise ConfigError(f"weights '{weights}': a folder; name an ONNX file")
-    entry = entry_named(weights.name, catalogue)
+    entry = find_entry(weights.name, catalogue)
     path = weights_folder() / entry.file_name
     found = state(entry, path)
     if found == "absent":
@@ -218,11 +218,11 @@ def download(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iterat
                 yield block
     except urllib.error.HTTPError as error:
         error.close()
-        raise _failed(entry, target, f"the server says {error.code} {error.reason}") from error
+        raise _fetch_error(entry, target, f"the server says {error.code} {error.reason}") from error
     except (OSError, http.client.HTTPException) as error:
-        raise _failed(entry, target, _reason(error, timeout_s)) from error
+        raise _fetch_error(entry, target, _reason(error, timeout_s)) from error
     except ValueError as error:  # what urllib makes of `https_proxy=http:/host`
-        raise _failed(entry, target, "the environment names a proxy whose address is broken") from error
+        raise _fetch_error(entry, target, "the environment names a proxy whose address is broken") from error
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
@@ -250,7 +250,7 @@ def origin(url: str, base: str = "") -> str:
     return f"{parts.scheme}://{parts.netloc.lower()}"
 
 
-def _failed(entry: Entry, target: Path, reason: str) -> ModelError:
+def _fetch_error(entry: Entry, target: Path, reason: str) -> ModelError:
     return ModelError(
         f"{entry.url}: can't be fetched ({reason}); fetch it in another way and put it at {target}, "
         f"or give it to: fbench weights get {entry.name} --from FILE"

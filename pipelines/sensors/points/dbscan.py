@@ -73,7 +73,7 @@ def _reaches(points: Float64, i: int, bounds: Float64, b: int) -> bool:
 
 
 @kernel
-def _linked(points: Float64, core: Bool, first: Int64, bounds: Float64, a: int, b: int) -> bool:
+def _are_linked(points: Float64, core: Bool, first: Int64, bounds: Float64, a: int, b: int) -> bool:
     is_small = first[b + 1] - first[b] <= SMALL
     for i in range(first[a], first[a + 1]):
         if not core[i] or not (is_small or _reaches(points, i, bounds, b)):
@@ -103,7 +103,7 @@ def cluster_cells(points: Float64, core: Bool, first: Int64, bounds: Float64, pa
         if parent[a] < 0 or parent[b] < 0:
             continue
         one, other = find_root(parent, a), find_root(parent, b)
-        if one != other and _linked(points, core, first, bounds, a, b):
+        if one != other and _are_linked(points, core, first, bounds, a, b):
             parent[one] = other
     for c in range(num):
         if parent[c] >= 0:
