@@ -199,9 +199,8 @@ def label_boxes(boxes: Extents, rig: Rig, cameras: Mapping[str, CameraDetections
 
 
 def label_points(xyz: Float64, rig: Rig, cameras: Mapping[str, CameraDetections]) -> Text:
-    """Labels (N,) of the cameras' boxes into which points (N, 3) in body coordinates project; empty: none.
-
-    Where boxes overlap the one with the highest score counts; of several cameras the first.
+    """Labels (N,) of the cameras' boxes into which points (N, 3) in body coordinates project; empty: none. Where boxes
+    overlap the one with the highest score counts; of several cameras the first.
     """
     label: Text = np.full(len(xyz), "", "U16")
     for camera in sorted(cameras):

@@ -103,9 +103,8 @@ class Neck(nn.Module):
 
 
 class Head(nn.Module):
-    """Of every cell of a level the scores of all classes, and how far the box's four sides are.
-
-    Each level has its own: the statistics that normalization keeps differ between them.
+    """Of every cell of a level the scores of all classes, and how far the box's four sides are. Each level has its own:
+    the statistics that normalization keeps differ between them.
     """
 
     def __init__(self, num_classes: int) -> None:

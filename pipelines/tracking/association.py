@@ -9,10 +9,8 @@ from fbench.replay.geometry.iou import flat_iou, iou_2d
 
 
 def associate(similarity: Float64, min_similarity: float) -> tuple[Int64, Int64]:
-    """Pair rows with columns of `similarity` (N, M) so that the sum is largest (Hungarian method).
-
-    Pairs below `min_similarity`, and those without any similarity, are never made. Returns rows and columns of the
-    pairs, by row.
+    """Pair rows with columns of `similarity` (N, M) so that the sum is largest (Hungarian method). Pairs below
+    `min_similarity`, and those without any similarity, are never made. Returns rows and columns of the pairs, by row.
     """
     allowed = similarity >= min_similarity if min_similarity > 0 else similarity > 0
     if np.count_nonzero(allowed) <= min(allowed.shape):
@@ -91,9 +89,8 @@ def giou_2d(a: Array, b: Array) -> Float64:
 
 
 def giou_3d(a: Float64, b: Float64) -> Float64:
-    """Generalized IoU (N, M) in space of upright boxes (N, 7) and (M, 7): center, size, heading; see `giou_2d`.
-
-    The hull is that of both footprints, from the lower bottom to the higher top; -1 where boxes aren't finite.
+    """Generalized IoU (N, M) in space of upright boxes (N, 7) and (M, 7): center, size, heading; see `giou_2d`. The
+    hull is that of both footprints, from the lower bottom to the higher top; -1 where boxes aren't finite.
     """
     from fbench.pipelines.tracking.kernels import generalize_iou  # numba takes a while to import
 

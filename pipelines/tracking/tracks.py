@@ -264,9 +264,8 @@ def are_rivals(a: Text, b: Text) -> Bool:
 
 
 def newest_share(hits: Int64, least: float) -> Float64:
-    """Share (T,) of the newest of `hits` measurements in their mean: one of all at first, and never below `least`.
-
-    With 0 the mean is that of all measurements, with 1 it is the last one.
+    """Share (T,) of the newest of `hits` measurements in their mean: one of all at first, and never below `least`. With
+    0 the mean is that of all measurements, with 1 it is the last one.
     """
     return np.maximum(1.0 / hits, least)
 
@@ -283,9 +282,8 @@ def lower_predicted(score: Float64, predicted: Bool, share: float) -> Float64:
 
 
 def sort_detections(detections: Columns, place: str) -> Columns:
-    """Return sound detections by rising `place` (N, ...), equal ones by all that they carry.
-
-    Those whose place, size, heading or score isn't finite are left out: nothing can be tracked by them.
+    """Return sound detections by rising `place` (N, ...), equal ones by all that they carry. Those whose place, size,
+    heading or score isn't finite are left out: nothing can be tracked by them.
     """
     if not len(detections[place]):
         return detections

@@ -106,9 +106,7 @@ class FusedImagesParams(AllSensorsParams):
 
 class FusedImages(FusionPipeline[Boxes2D]):
     """Labeled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
-    there.
-
-    Objects without a camera's label are called cars, or trucks where they are long.
+    there. Objects without a camera's label are called cars, or trucks where they are long.
     """
 
     name: ClassVar[str]
@@ -171,9 +169,8 @@ class Early3DParams(AllSensorsParams):
 
 
 class Early3D(FusionPipeline[Boxes3D]):
-    """Labeled boxes in 3D around the points of LiDARs, radars and a stereo pair; one of these must be there.
-
-    All points become one cloud, which is clustered. Cameras label points; what none of them sees is labeled by shape.
+    """Labeled boxes in 3D around the points of LiDARs, radars and a stereo pair; one of these must be there. All points
+    become one cloud, which is clustered. Cameras label points; what none of them sees is labeled by shape.
     """
 
     def __init__(self, params: Early3DParams = Early3DParams()) -> None:

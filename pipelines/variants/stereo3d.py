@@ -26,9 +26,8 @@ class Stereo3DParams(CheckedParams):
 
 
 class Stereo3D(TrackingPipeline[Boxes3D]):
-    """Boxes in 3D from one stereo pair. They have no class and no velocity.
-
-    A frame whose depth is noise has no detections, and both cameras count as missing from it.
+    """Boxes in 3D from one stereo pair. They have no class and no velocity. A frame whose depth is noise has no
+    detections, and both cameras count as missing from it.
     """
 
     def __init__(self, params: Stereo3DParams = Stereo3DParams()) -> None:

@@ -87,7 +87,6 @@ def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, lab
 
 def _guess_along_ray(scene: Scene, seen: Observed, groups: Groups, row: int, length_width: Float64) -> Float64:
     """Two guesses (2, 5) of an object whose near side is the nearest tenth of a group's points: place, size, heading.
-
     The direction is that of a camera's box, where it shows the whole object.
     """
     one = seen.observations[groups.observation[row]] if groups.observation[row] >= 0 else None

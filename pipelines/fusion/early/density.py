@@ -145,7 +145,6 @@ _PACE_MPS, _MOST_PACE = 1.0, 1000
 
 def cluster_cloud(cloud: FusedCloud, is_seen: Bool, params: DensityParams) -> Int64:
     """Cluster a cloud; returns cluster numbers (N,), -1 for noise. `is_seen` (N,): a camera's box holds the point.
-
     Clusters are numbered by their first core cell, by x, then y. Points beyond 1000 km are noise.
     """
     result = np.full(len(cloud), -1)

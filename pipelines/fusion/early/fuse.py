@@ -29,9 +29,8 @@ _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
 
 @dataclass(frozen=True)
 class ExistenceParams(CheckedParams, prefix="fusion.existence"):
-    """Evidence for a group of points, as logarithms of odds that add up: score = 1 / (1 + exp(-sum)).
-
-    The shape of LiDAR points has odds of its own, by the LiDAR's model.
+    """Evidence for a group of points, as logarithms of odds that add up: score = 1 / (1 + exp(-sum)). The shape of
+    LiDAR points has odds of its own, by the LiDAR's model.
     """
 
     camera: float = bounded(1.3, -1000, 1000)

@@ -137,9 +137,8 @@ def _shape_ratios(lidar: Clusters) -> Float64:
 
 
 def _cluster_ratios(lidar: Clusters, radar: Clusters, eye_m: Float64, params: AssociationParams) -> Float64:
-    """Ratios (K, M) of LiDAR and radar clusters by their middles, seen from `eye_m` (2,).
-
-    Of long vehicles radar sees some part, so that its error along the line of sight grows with the vehicle.
+    """Ratios (K, M) of LiDAR and radar clusters by their middles, seen from `eye_m` (2,). Of long vehicles radar sees
+    some part, so that its error along the line of sight grows with the vehicle.
     """
     a, b = lidar.boxes.center_m[:, None, :2] - eye_m, radar.boxes.center_m[None, :, :2] - eye_m
     reach = np.maximum(np.hypot(b[..., 0], b[..., 1]), 0.1)
@@ -154,9 +153,8 @@ def _cluster_ratios(lidar: Clusters, radar: Clusters, eye_m: Float64, params: As
 
 
 def _ratio_of_cameras(a: CameraObservation, b: CameraObservation, params: AssociationParams) -> float:
-    """Ratio of what two cameras see, as the first of them sees it: directions are sure, distances aren't.
-
-    Vehicles are easily taken for each other.
+    """Ratio of what two cameras see, as the first of them sees it: directions are sure, distances aren't. Vehicles are
+    easily taken for each other.
     """
     if a.camera == b.camera or not (a.label == b.label or (a.label in VEHICLES and b.label in VEHICLES)):
         return NEVER

@@ -196,9 +196,8 @@ def to_boxes(objects: Sequence[FusedObject]) -> Boxes3D:
 
 
 def _keep_apart(objects: list[FusedObject]) -> list[FusedObject]:
-    """Leave out objects in the place of more probable ones: nearer to them than the mean of both widths, say.
-
-    They come by falling score, equal scores by place.
+    """Leave out objects in the place of more probable ones: nearer to them than the mean of both widths, say. They come
+    by falling score, equal scores by place.
     """
     ordered = sorted(objects, key=lambda o: (-o.score, *o.center_m.tolist()))
     boxes = to_boxes(ordered)
@@ -220,9 +219,8 @@ def _keep_apart(objects: list[FusedObject]) -> list[FusedObject]:
 
 
 def are_one(a: FusedObject, b: FusedObject, merge_m: float) -> bool:
-    """Whether two boxes show one object: centers nearer than `merge_m`, or the center of one inside the other.
-
-    The latter matters for long vehicles, of which radar shows only the near end.
+    """Whether two boxes show one object: centers nearer than `merge_m`, or the center of one inside the other. The
+    latter matters for long vehicles, of which radar shows only the near end.
     """
     distance = math.hypot(*(float(p - q) for p, q in zip(a.center_m[:2], b.center_m[:2], strict=True)))
     return distance < merge_m or _holds(a, b) or _holds(b, a)

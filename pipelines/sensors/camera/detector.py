@@ -81,9 +81,8 @@ def windows(size_wh: Size, aspect: float, overlap: float) -> list[Window]:
 
 
 def to_image(boxes: Candidates, window: Window, size_wh: Size, margin_px: float = 3.0) -> Candidates:
-    """Move boxes from a window to the image, without those that the window's inner border cuts.
-
-    A cut box is only a part of an object, which a neighboring window or the whole image shows in full.
+    """Move boxes from a window to the image, without those that the window's inner border cuts. A cut box is only a
+    part of an object, which a neighboring window or the whole image shows in full.
     """
     left, top, right, bottom = window
     inner = np.array([left > 0, top > 0, right < size_wh[0], bottom < size_wh[1]])
@@ -271,9 +270,8 @@ class CameraStage:
         self.identity: Mapping[str, object] = {}  # Which weights are used, where no parameter names them
 
     def start(self, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> None:
-        """Take all cameras of the rig, each with its own parameters; see the class for what is raised.
-
-        On simulated logs `auto` is the built-in detector.
+        """Take all cameras of the rig, each with its own parameters; see the class for what is raised. On simulated
+        logs `auto` is the built-in detector.
         """
         own = with_builtin(settings.own("camera", self._params), log_info)
         found = {name: self._load(params) for name, params in own.items()}

@@ -28,9 +28,8 @@ def _sizes(images: Sequence[Pixels]) -> list[Size]:
 
 @dataclass(frozen=True)
 class Detr:
-    """Inputs `images` (B, 3, H, W) RGB 0..1, squashed, and `orig_target_sizes` (B, 2) width, height.
-
-    Outputs `labels` (B, N), `boxes` (B, N, 4) left, top, right, bottom, `scores` (B, N).
+    """Inputs `images` (B, 3, H, W) RGB 0..1, squashed, and `orig_target_sizes` (B, 2) width, height. Outputs `labels`
+    (B, N), `boxes` (B, N, 4) left, top, right, bottom, `scores` (B, N).
     """
 
     image_input: str

@@ -17,10 +17,8 @@ from fbench.replay.data.images import Pixels
 
 @dataclass(frozen=True, eq=False)
 class Candidates(Rows):
-    """N boxes of one image.
-
-    Coordinates here are distances from the image's upper left corner, so that the image spans 0 to width and
-    scaling an image scales its boxes.
+    """N boxes of one image. Coordinates here are distances from the image's upper left corner, so that the image spans
+    0 to width and scaling an image scales its boxes.
     """
 
     xyxy: Float64  # (N, 4) left, top, right, bottom [px]

@@ -60,9 +60,8 @@ def of_lidar(found: Obstacles | None, viewpoint: Float64) -> Cloud:
 
 
 def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: float, params: RadarImageParams) -> Cloud:
-    """Cloud of what radars at `viewpoint` (2,) [m] measured; no points where they are too few to tell the ground.
-
-    The order of echoes doesn't matter.
+    """Cloud of what radars at `viewpoint` (2,) [m] measured; no points where they are too few to tell the ground. The
+    order of echoes doesn't matter.
     """
     if echoes is None or len(echoes.xyz) < max(params.min_echoes, 1):
         return empty_cloud()
@@ -122,9 +121,8 @@ class Groups:
 
 
 def score_groups(groups: Groups, params: ShapeParams) -> Float64:
-    """Score groups in [0, 1], as the product of all that is known about vehicles.
-
-    Of those that move only their size and number of points are asked: what moves is no wall and no tree.
+    """Score groups in [0, 1], as the product of all that is known about vehicles. Of those that move only their size
+    and number of points are asked: what moves is no wall and no tree.
     """
     shorter, longer = np.sort(groups.rectangles[:, [2, 4]] - groups.rectangles[:, [1, 3]], axis=1).T
     score = fading(np.diff(groups.first), *params.num_points)
@@ -209,9 +207,8 @@ def focal_scale(camera: CameraModel) -> float:
 
 
 def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarImageParams) -> tuple[Points, Spots]:
-    """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters.
-
-    What moves is clustered apart from what stands still. The order of points doesn't matter.
+    """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters. What moves is clustered
+    apart from what stands still. The order of points doesn't matter.
     """
     points = _project(rig, camera, cloud, params.cluster)
     member = points.cluster >= 0

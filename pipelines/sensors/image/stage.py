@@ -205,9 +205,8 @@ class Rays:
 
 
 def share_beyond(depths_m: Float64, near_m: float, far_m: float) -> float:
-    """Share of the rays reaching `near_m` [m] or beyond, given ascending depths (N,), that go on beyond `far_m`.
-
-    NaN where no ray reaches that far: something hides the place, or the sensor sees nothing there.
+    """Share of the rays reaching `near_m` [m] or beyond, given ascending depths (N,), that go on beyond `far_m`. NaN
+    where no ray reaches that far: something hides the place, or the sensor sees nothing there.
     """
     begin, end = np.searchsorted(depths_m, [near_m, far_m])
     num = len(depths_m) - begin
@@ -298,9 +297,8 @@ def _find_spots(
 
 
 def relative_rates(view: RadarView, echoes: Compensated) -> Float64:
-    """Change of the distance (M,) [m/s] of each of a view's boxes, positive when receding; NaN where unknown.
-
-    That is its velocity along the line of sight over ground, less the radar's own.
+    """Change of the distance (M,) [m/s] of each of a view's boxes, positive when receding; NaN where unknown. That is
+    its velocity along the line of sight over ground, less the radar's own.
     """
     result = np.full(len(view.boxes), np.nan)
     velocity = view.boxes.velocity_mps

@@ -121,9 +121,8 @@ class RoadUserModel:
     offset: Float64  # (C,) what is added to the sum
 
     def probabilities(self, features: Float64) -> Float64:
-        """Probabilities (M, C) that clusters with features (M, F) are one road user each of these classes.
-
-        What is missing to 1 is that of being anything else.
+        """Probabilities (M, C) that clusters with features (M, F) are one road user each of these classes. What is
+        missing to 1 is that of being anything else.
         """
         total = np.tile(self.offset, (len(features), 1))
         for column, knots, values in zip(features.T, self.knots, self.log_odds, strict=True):

@@ -101,9 +101,8 @@ class Grouping:
         return np.asarray(self.eps * growth, np.float64)
 
     def clusters(self, features: Float64, range_m: Float64) -> Int64:
-        """Cluster points (N, D) at distances (N,) [m] from the vehicle; returns cluster numbers (N,), -1 for noise.
-
-        See `dbscan` and `cluster_by_name` for how clusters are numbered; the order of points never changes them.
+        """Cluster points (N, D) at distances (N,) [m] from the vehicle; returns cluster numbers (N,), -1 for noise. See
+        `dbscan` and `cluster_by_name` for how clusters are numbered; the order of points never changes them.
         """
         if self.method != "dbscan":
             return cluster_by_name(features, self.method, self.eps, self.min_points)

@@ -88,9 +88,8 @@ def fullest_bands(z_m: Float64, band_m: float) -> tuple[Int64, Int64]:
 
 @dataclass(frozen=True)
 class GroundParams(CheckedParams, prefix="lidar.ground"):
-    """How the ground is found: a plane through the lowest points of all cells, then a surface of limited slope.
-
-    Limits of cells and range bound the size of the grid.
+    """How the ground is found: a plane through the lowest points of all cells, then a surface of limited slope. Limits
+    of cells and range bound the size of the grid.
     """
 
     cell_m: float = bounded(2.0, 0.5, 100)  # Edge of the cells [m] whose lowest points stand for the ground.

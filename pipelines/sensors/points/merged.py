@@ -226,9 +226,8 @@ def world_T_body(rig: Rig, frame: Frame) -> Float64 | None:
 
 
 def body_pose(rig: Rig, frame: Frame) -> Pose | None:
-    """Pose of the body in the world; `None` where the log has none for this frame.
-
-    Of several sources the first by name counts, also in frames that lack it: sources differ in their origin.
+    """Pose of the body in the world; `None` where the log has none for this frame. Of several sources the first by name
+    counts, also in frames that lack it: sources differ in their origin.
     """
     poses = sorted(name for name, m in frame.messages.items() if isinstance(m, Pose))
     if not poses or any(name < poses[0] for name in frame.missing if name not in rig.mounts):

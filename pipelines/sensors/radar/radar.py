@@ -181,9 +181,8 @@ def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64
 
 
 def median_rate(rate_mps: Float64, period_mps: Float64) -> float:
-    """Median radial velocity [m/s] of one cluster, by the least ambiguous of the radars that see it.
-
-    What is still ambiguous is taken to be the slower of the two.
+    """Median radial velocity [m/s] of one cluster, by the least ambiguous of the radars that see it. What is still
+    ambiguous is taken to be the slower of the two.
     """
     known = np.isfinite(rate_mps)
     if not known.any():

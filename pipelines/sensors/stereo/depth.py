@@ -153,9 +153,8 @@ _HEIGHT_M = 6.0  # Points farther above or below the camera [m] are left out
 
 @dataclass(frozen=True)
 class DepthParams(CheckedParams, prefix="stereo.depth"):
-    """Pixels become points; those of one cell of columns, disparity and height become one, their mean.
-
-    Cells grow with depth as its error does, so that each holds about as much noise: dZ = Z^2 / (f B) dd.
+    """Pixels become points; those of one cell of columns, disparity and height become one, their mean. Cells grow with
+    depth as its error does, so that each holds about as much noise: dZ = Z^2 / (f B) dd.
     """
 
     max_range_m: float = bounded(40.0, 1, 500)  # Farther depths [m] are left out, the sky with them.
@@ -166,9 +165,8 @@ class DepthParams(CheckedParams, prefix="stereo.depth"):
 
 
 def points(disparity: Float32, how: Rectifier, nearest_m: float, params: DepthParams) -> Float64:
-    """Points (N, 3) [m] in body coordinates, in lexicographic order.
-
-    Takes disparities (H, W) [px] of the rectified left image, NaN where unknown; nearer depths are left out, too.
+    """Points (N, 3) [m] in body coordinates, in lexicographic order. Takes disparities (H, W) [px] of the rectified
+    left image, NaN where unknown; nearer depths are left out, too.
     """
     K, t = how.camera.K, how.body_T_camera[:3, 3]
     per_px = np.array([[1 / K[0, 0], -K[0, 2] / K[0, 0]], [1 / K[1, 1], -K[1, 2] / K[1, 1]]])
@@ -301,9 +299,8 @@ def last_row(disparity: Float32, how: Rectifier, most_px: float) -> int:
 def sure_share(
     left: Pixels, right: Pixels, disparity: Float32, texture: Float32, how: Rectifier, end: int, params: QualityParams
 ) -> float:
-    """Share [0 to 1] of the pixels from the horizon down to row `end` whose match is sure; 0 where none is there.
-
-    Takes rectified grey images, disparity and texture of the left one, all (H, W).
+    """Share [0 to 1] of the pixels from the horizon down to row `end` whose match is sure; 0 where none is there. Takes
+    rectified grey images, disparity and texture of the left one, all (H, W).
     """
     import cv2
 

@@ -161,9 +161,8 @@ class ObjectParams:
 
 
 def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectParams) -> LidarView:
-    """Find vehicles in points (N, 3) in body coordinates [m] and lexicographic order.
-
-    `eye_m` (2,) is where the left camera is, `focal_baseline` f B [px m] what depth follows from.
+    """Find vehicles in points (N, 3) in body coordinates [m] and lexicographic order. `eye_m` (2,) is where the left
+    camera is, `focal_baseline` f B [px m] what depth follows from.
     """
     how = params.as_lidar
     found = lidar.obstacles(xyz, how)
