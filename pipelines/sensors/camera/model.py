@@ -32,7 +32,7 @@ _CHILDREN: Mapping[str, Mapping[int, str]] = {
 
 
 def refers_to_files(data: bytes) -> bool:
-    """Tell whether any tensor of the model is stored outside of `data`. Raises ModelError where `data` isn't protobuf."""
+    """Tell whether any tensor of the model is stored outside of `data`. Raises ModelError for what isn't protobuf."""
     todo = [("model", memoryview(data))]
     while todo:
         kind, message = todo.pop()
