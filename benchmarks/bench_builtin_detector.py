@@ -26,8 +26,7 @@ from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.coco.profile import CocoProfile
-from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
-from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS
+from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS, CameraDetections, CameraDetector, CameraParams
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Array, Bool
 from fbench.replay.data.boxes import VEHICLES, Boxes2D

@@ -15,8 +15,7 @@ from common import best_s
 from scipy.optimize import linear_sum_assignment
 
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.geometry.iou import distance_bev, iou_2d

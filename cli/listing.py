@@ -5,7 +5,7 @@ import inspect
 import textwrap
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from itertools import pairwise
+from itertools import zip_longest
 from typing import Any, get_args
 
 from rich.table import Table
@@ -24,21 +24,33 @@ def parameter_docs(params: object) -> dict[str, str]:
         return {}
     own, docs = dict[str, str](), dict[str, str]()
     for cls in reversed(type(params).__mro__):
-        try:
-            tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-        except (OSError, TypeError, SyntaxError):
-            continue
-        for target, text in pairwise(tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []):
-            # Texts that follow the fields, as documentation tools read them.
-            match target, text:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(doc))):
-                    own[name] = " ".join(doc.split())
+        own |= _docs(cls)
     for f in fields(params):
         value = getattr(params, f.name)
         if is_dataclass(value):
             docs |= {f"{f.name}.{path}": text for path, text in parameter_docs(value).items()}
         else:
             docs[f.name] = own.get(f.name, "")
+    return docs
+
+
+def _docs(cls: type) -> dict[str, str]:
+    """Texts under the fields of one class, as documentation tools read them, or beside them as comments."""
+    try:
+        source = textwrap.dedent(inspect.getsource(cls))
+        tree = ast.parse(source)
+    except (OSError, TypeError, SyntaxError):
+        return {}
+    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
+    lines, docs = source.splitlines(), dict[str, str]()
+    for field, after in zip_longest(body, body[1:]):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+            beside = lines[(field.end_lineno or 0) - 1][field.end_col_offset :].strip()
+            match after:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    docs[field.target.id] = " ".join(text.split())
+                case _ if beside.startswith("# "):
+                    docs[field.target.id] = beside[2:]
     return docs
 
 

@@ -39,9 +39,9 @@ def get(
     ] = None,
 ) -> None:
     """Fetch a detector, check it against its published sha256, and keep it in fbench's cache."""
-    from fbench.pipelines.models.weights import entry_named
+    from fbench.pipelines.models.weights import find_entry
 
-    get_weights(entry_named(name), file)
+    get_weights(find_entry(name), file)
 
 
 @app.command("train", epilog=options.examples("weights train"))
@@ -108,13 +108,13 @@ def show_weights(catalogue: "Sequence[Entry]", as_json: bool) -> None:
 
 def get_weights(entry: "Entry", file: Path | None) -> None:
     """Fetch weights, or take them from a file, unless they are in the cache; say where they are."""
-    from fbench.pipelines.models.weights import downloaded, file_blocks, state, store, weights_folder
+    from fbench.pipelines.models.weights import download, file_blocks, state, store, weights_folder
 
     target = weights_folder() / entry.file_name
     if state(entry, target) == "good":
         say(f"{target}: there already, sha256 checked")
     else:
-        blocks = file_blocks(file) if file is not None else downloaded(entry, target)
+        blocks = file_blocks(file) if file is not None else download(entry, target)
         with byte_progress(entry.file_name, entry.num_bytes) as progress:
             store(entry, _count(blocks, progress), str(file or entry.url), target)
         say(f"{target}: {entry.model} by {entry.by}, {entry.licence}, sha256 checked")

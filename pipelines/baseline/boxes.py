@@ -1,23 +1,36 @@
-"""Points, axis-aligned boxes around clusters of them, and boxes merged with those of cameras."""
+"""Points of the baseline's sensors, boxes around clusters of them, along the axes, and merged with cameras' boxes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from fbench.pipelines.baseline.params import PlainClusterParams, PlainCropParams, PlainImageParams, PlainSizeParams
-from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.baseline.params import (
+    PlainClusterParams,
+    PlainCropParams,
+    PlainImageParams,
+    PlainParams,
+    PlainSensor,
+    PlainSizeParams,
+)
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraStage
 from fbench.pipelines.sensors.points.dbscan import dbscan
+from fbench.pipelines.sensors.points.merged import lidar_points, radar_scans
+from fbench.pipelines.sensors.rows import Rows
+from fbench.pipelines.sensors.stereo.stage import NOISE, StereoStage
+from fbench.replay.contracts.params import StageClock
+from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
-from fbench.replay.data.rig import Rig
+from fbench.replay.data.frames import Fault, Frame
+from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.geometry.camera import in_image, project_body, project_boxes
 
 
 @dataclass(frozen=True, eq=False)
-class Extents:
+class Extents(Rows):
     """N boxes."""
 
     low: Float64  # (N, 3) in body coordinates [m], or (N, 2) in an image [px]
@@ -28,13 +41,6 @@ class Extents:
     label: Text  # (N,) of a camera; empty where unknown
     score: Float64  # (N,) 0 to 1: a camera's, and 1 for clusters, of which the thesis knows no score
     sources: Array  # (N,) uint8, bits of `Source`
-
-    def __len__(self) -> int:
-        return len(self.low)
-
-    def __getitem__(self, rows: Array | slice) -> "Extents":
-        """Select rows by mask, index array or slice."""
-        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
 def make_extents(low: Float64, high: Float64, source: int | Array, **known: Any) -> Extents:
@@ -51,11 +57,6 @@ def no_extents(num_axes: int) -> Extents:
     return make_extents(np.zeros((0, num_axes)), np.zeros((0, num_axes)), 0)
 
 
-def join_extents(parts: Sequence[Extents]) -> Extents:
-    """Put boxes one after the other."""
-    return Extents(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Extents)})
-
-
 def iou(a: Extents, b: Extents) -> Float64:
     """Intersection over union (N, M): of areas in an image, of volumes in space; 0 where both are empty."""
     low = np.maximum(a.low[:, None], b.low[None])
@@ -68,17 +69,13 @@ def iou(a: Extents, b: Extents) -> Float64:
 
 
 @dataclass(frozen=True, eq=False)
-class PlainCloud:
+class PlainCloud(Rows):
     """Points of one sensor, or of several."""
 
     xyz: Float64  # (N, 3) [m] in body coordinates
     range_rate_mps: Float64
     """(N,) radial velocity as measured [m/s], positive when receding; NaN where the sensor gives none."""
     source: Array  # (N,) uint8, bits of `Source`
-
-    def __getitem__(self, rows: Array) -> "PlainCloud":
-        """Select rows by mask or index array."""
-        return PlainCloud(self.xyz[rows], self.range_rate_mps[rows], self.source[rows])
 
 
 def make_cloud(xyz: Float64, source: int, range_rate_mps: Float64 | None = None) -> PlainCloud:
@@ -88,9 +85,8 @@ def make_cloud(xyz: Float64, source: int, range_rate_mps: Float64 | None = None)
 
 
 def join_clouds(clouds: list[PlainCloud]) -> PlainCloud:
-    """Put the points of several clouds into one."""
-    columns = ([getattr(c, name) for c in clouds] for name in ("xyz", "range_rate_mps", "source"))
-    return PlainCloud(*(np.concatenate(column) for column in columns)) if clouds else make_cloud(np.zeros((0, 3)), 0)
+    """Put the points of several clouds, or of none, into one."""
+    return PlainCloud.join(clouds) if clouds else make_cloud(np.zeros((0, 3)), 0)
 
 
 def crop(points: PlainCloud, params: PlainCropParams) -> PlainCloud:
@@ -124,7 +120,21 @@ def box_clusters(
         label: (number of clusters,) of each cluster; `None`: there are none.
     """
     rows = members(cluster)
-    kept = [number for number, own in enumerate(rows) if _may_be_vehicle(points.xyz[own], params)]
+
+    def may_be_vehicle(xyz: Float64) -> bool:
+        if len(xyz) < params.least_points:
+            return False
+        x, y, height = np.ptp(xyz, axis=0)
+        is_long = params.least_extent_m <= max(x, y) <= params.most_extent_m
+        is_high = params.least_height_m <= height <= params.most_height_m
+        return bool(is_long and is_high and min(x, y) <= params.most_width_m)
+
+    def mean_rate(range_rate_mps: Float64) -> float:
+        # In ascending order, so that rounding doesn't depend on that of the points.
+        known = np.sort(range_rate_mps[np.isfinite(range_rate_mps)])
+        return float(known.mean()) if len(known) else np.nan
+
+    kept = [number for number, own in enumerate(rows) if may_be_vehicle(points.xyz[own])]
     if not kept:
         return no_extents(places.shape[1])
     rows = [rows[number] for number in kept]
@@ -135,7 +145,7 @@ def box_clusters(
         high,
         np.array([np.bitwise_or.reduce(points.source[own]) for own in rows]),
         distance_m=np.sqrt(np.square(middle).sum(axis=1)),
-        range_rate_mps=np.array([_mean_rate(points.range_rate_mps[own]) for own in rows]),
+        range_rate_mps=np.array([mean_rate(points.range_rate_mps[own]) for own in rows]),
         **({} if label is None else {"label": label[kept]}),
     )
 
@@ -145,22 +155,6 @@ def members(cluster: Int64) -> list[Int64]:
     order = np.argsort(cluster, kind="stable")
     bounds = np.searchsorted(cluster[order], np.arange(int(cluster.max(initial=-1)) + 2))
     return [order[start:end] for start, end in pairwise(bounds)]
-
-
-def _may_be_vehicle(xyz: Float64, params: PlainSizeParams) -> bool:
-    if len(xyz) < params.least_points:
-        return False
-    x, y, height = np.ptp(xyz, axis=0)
-    length, width = max(x, y), min(x, y)
-    is_long = params.least_extent_m <= length <= params.most_extent_m
-    is_high = params.least_height_m <= height <= params.most_height_m
-    return bool(is_long and is_high and width <= params.most_width_m)
-
-
-def _mean_rate(range_rate_mps: Float64) -> float:
-    """Mean of the known ones, in ascending order, so that rounding doesn't depend on that of the points."""
-    known = np.sort(range_rate_mps[np.isfinite(range_rate_mps)])
-    return float(known.mean()) if len(known) else np.nan
 
 
 UNKNOWN = "car"  # Label of what no camera names: vehicles count as one class for sensors without classes
@@ -205,9 +199,8 @@ def label_boxes(boxes: Extents, rig: Rig, cameras: Mapping[str, CameraDetections
 
 
 def label_points(xyz: Float64, rig: Rig, cameras: Mapping[str, CameraDetections]) -> Text:
-    """Labels (N,) of the cameras' boxes into which points (N, 3) in body coordinates project; empty: none.
-
-    Where boxes overlap the one with the highest score counts; of several cameras the first.
+    """Labels (N,) of the cameras' boxes into which points (N, 3) in body coordinates project; empty: none. Where boxes
+    overlap the one with the highest score counts; of several cameras the first.
     """
     label: Text = np.full(len(xyz), "", "U16")
     for camera in sorted(cameras):
@@ -222,9 +215,7 @@ def label_points(xyz: Float64, rig: Rig, cameras: Mapping[str, CameraDetections]
 
 
 def cluster_labels(cluster: Int64, label: Text, least_share: float) -> Text:
-    """Label of each cluster: the most frequent one among its points (N,), the first by name on ties; empty where fewer
-    than `least_share` of its points carry any.
-    """
+    """Most frequent label of each cluster's points (N,), the first by name on ties; empty below `least_share`."""
     rows = members(cluster)
     result: Text = np.full(len(rows), "", "U16")
     for number, own in enumerate(label[own] for own in rows):
@@ -251,17 +242,16 @@ def merge_boxes(parts: Sequence[Extents], min_iou: float) -> Extents:
     result = parts[0]
     for part in parts[1:]:
         if not len(result) or not len(part):
-            result = join_extents([result, part])
+            result = Extents.join([result, part])
             continue
         overlap = iou(part, result)
         partner = np.argmax(overlap, axis=1)
         joins = overlap[np.arange(len(part)), partner] >= min_iou
-        result = join_extents([_complete(result, part[joins], partner[joins]), part[~joins]])
+        result = Extents.join([_complete(result, part[joins], partner[joins]), part[~joins]])
     return result
 
 
 def _complete(boxes: Extents, others: Extents, partner: Int64) -> Extents:
-    """Add what others know to the boxes (M,) that they join."""
     distance, rate, label = boxes.distance_m.copy(), boxes.range_rate_mps.copy(), boxes.label.copy()
     score, sources = boxes.score.copy(), boxes.sources.copy()
     for row, at in enumerate(partner):
@@ -271,3 +261,56 @@ def _complete(boxes: Extents, others: Extents, partner: Int64) -> Extents:
         score[at] = max(score[at], others.score[row])
         sources[at] |= others.sources[row]
     return replace(boxes, distance_m=distance, range_rate_mps=rate, label=label, score=score, sources=sources)
+
+
+KINDS: tuple[Kind, ...] = ("lidar", "radar")
+"""Sensors that measure points; stereo, which makes them of images, comes on top."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlainObservations:
+    """Observations of the sensors of one frame."""
+
+    cameras: Mapping[str, CameraDetections]  # By camera name; a camera that failed isn't in it
+    clouds: Mapping[PlainSensor, PlainCloud]
+    """By kind of sensor, in the order LiDAR, radar, stereo; empty where it didn't deliver."""
+    faults: tuple[Fault, ...]
+    missing: Mapping[str, str]  # Cameras whose depth is noise
+
+
+class PlainSensors:
+    """The sensors that parameters name. Raises ConfigError or ModelError where weights are missing or unusable."""
+
+    def __init__(self, params: PlainParams) -> None:
+        self._params, self.cameras = params, CameraStage(params.camera)
+        self.with_camera = "camera" in params.uses  # Whether boxes have labels
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take the sensors. Raises ConfigError where a setting is no camera's, LogError without a stereo pair."""
+        params, settings = self._params, SensorSettings(self._params, rig)
+        for kind in KINDS:  # whose points have common parameters
+            settings.own(kind, getattr(params, kind), ())
+        if self.with_camera:
+            self.cameras.start(rig, log_info, settings)
+        self._rig, self._ranges_m = rig, dict.fromkeys(rig.sensors("lidar"), (0.0, np.inf))
+        self._stereo = StereoStage(rig, log_info.name, params.depth) if "stereo" in params.uses else None
+
+    def view(self, frame: Frame, clock: StageClock) -> PlainObservations:
+        """Return what is seen in one frame; what a missing sensor would have given isn't there."""
+        params, faults, missing = self._params, list[Fault](), dict[str, str]()
+        cameras = self.cameras.view(frame, clock, faults)
+        found = dict[PlainSensor, PlainCloud]()
+        with clock.stage("calibrate"):
+            if "lidar" in params.uses:
+                points = lidar_points(self._rig, frame, self._ranges_m)
+                found["lidar"] = make_cloud(np.zeros((0, 3)) if points is None else points, Source.L)
+            if "radar" in params.uses:
+                scans = radar_scans(self._rig, frame, {}) or ()
+                found["radar"] = join_clouds([make_cloud(s.xyz, Source.R, s.radial_velocity_mps) for s in scans])
+        if self._stereo is not None:
+            view, pair = self._stereo.view(frame, clock, faults), self._stereo.pair
+            found["stereo"] = make_cloud(view.xyz, Source.S)
+            missing |= dict.fromkeys((pair.left, pair.right), NOISE) if view.is_off else {}
+        with clock.stage("preprocess"):
+            clouds = {kind: crop(cloud, getattr(params, kind).crop) for kind, cloud in found.items()}
+        return PlainObservations(cameras, clouds, tuple(faults), missing)

@@ -19,32 +19,26 @@ class PlainCropParams(CheckedParams, prefix="crop"):
 
     min_range_m: float = bounded(3.0, 0, 1e4)
     """Points nearer to the body's origin, seen from above [m], lie on the own vehicle."""
-    max_range_m: float = bounded(100.0, 0.1, 1e4)
-    """Farther points [m] are left out."""
+    max_range_m: float = bounded(100.0, 0.1, 1e4)  # Farther points [m] are left out.
     low_m: float = bounded(0.3, -1e3, 1e3)
     """Points lower than this over the body's origin [m] are ground: the thesis's origin is on the ground."""
-    high_m: float = bounded(3.5, -1e3, 1e3)
-    """Higher points [m] are left out."""
+    high_m: float = bounded(3.5, -1e3, 1e3)  # Higher points [m] are left out.
 
 
 @dataclass(frozen=True)
 class PlainClusterParams(CheckedParams, prefix="cluster"):
     """DBSCAN over x, y and z."""
 
-    eps_m: float = bounded(1.2, 0.01, 100)
-    """Radius [m]."""
-    min_points: int = bounded(5, 1, 1e6)
-    """Points within the radius that make a core point, itself included."""
+    eps_m: float = bounded(1.2, 0.01, 100)  # Radius [m].
+    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
 
 
 @dataclass(frozen=True)
 class PlainImageParams(CheckedParams, prefix="image"):
     """DBSCAN over u, v and depth."""
 
-    eps_px: float = bounded(20.0, 0.01, 1e4)
-    """Radius [px]."""
-    min_points: int = bounded(5, 1, 1e6)
-    """Points within the radius that make a core point, itself included."""
+    eps_px: float = bounded(20.0, 0.01, 1e4)  # Radius [px].
+    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
     depth_px_per_m: float = bounded(10.0, 0, 1e4)
     """A difference in depth of 1 m counts as a distance of this many pixels [px/m]."""
 
@@ -53,16 +47,13 @@ class PlainImageParams(CheckedParams, prefix="image"):
 class PlainSizeParams(CheckedParams, prefix="size"):
     """Sizes of clusters that may be vehicles, of which a sensor sees some sides. The thesis names no limits."""
 
-    least_points: int = bounded(5, 1, 1e6)
-    """Clusters of fewer points are dropped."""
+    least_points: int = bounded(5, 1, 1e6)  # Clusters of fewer points are dropped.
     least_extent_m: float = bounded(1.4, 0, 1e3)
     """Least extent along the longer of the axes x and y [m]: shorter clusters are poles and people."""
     most_extent_m: float = bounded(12.0, 0, 1e3)
     """Greatest extent along the longer of the axes x and y [m]: longer clusters are walls."""
-    most_width_m: float = bounded(4.0, 0, 1e3)
-    """Greatest extent along the shorter of the axes x and y [m]."""
-    least_height_m: float = bounded(0.5, 0, 1e3)
-    """Least height between the lowest and the highest point [m]."""
+    most_width_m: float = bounded(4.0, 0, 1e3)  # Greatest extent along the shorter of the axes x and y [m].
+    least_height_m: float = bounded(0.5, 0, 1e3)  # Least height between the lowest and the highest point [m].
     most_height_m: float = bounded(2.2, 0, 1e3)
     """Greatest height between them [m]: higher clusters are buildings and trees."""
 
@@ -71,12 +62,9 @@ class PlainSizeParams(CheckedParams, prefix="size"):
 class PlainSensorParams:
     """From the points of one kind of sensor to boxes in space."""
 
-    crop: PlainCropParams = field(default_factory=PlainCropParams)
-    """Which points take part."""
-    cluster: PlainClusterParams = field(default_factory=PlainClusterParams)
-    """How they are grouped in space."""
-    size: PlainSizeParams = field(default_factory=PlainSizeParams)
-    """Which clusters are dropped."""
+    crop: PlainCropParams = field(default_factory=PlainCropParams)  # Which points take part.
+    cluster: PlainClusterParams = field(default_factory=PlainClusterParams)  # How they are grouped in space.
+    size: PlainSizeParams = field(default_factory=PlainSizeParams)  # Which clusters are dropped.
 
 
 @dataclass(frozen=True)
@@ -91,42 +79,30 @@ class PlainImageSensorParams(PlainSensorParams):
 class PlainFusionParams(CheckedParams, prefix="fusion"):
     """How boxes of several sensors become one."""
 
-    min_iou: float = bounded(0.05, 1e-6, 1)
-    """Boxes that overlap less than this (intersection over union) stay apart."""
+    min_iou: float = bounded(0.05, 1e-6, 1)  # Boxes that overlap less than this (intersection over union) stay apart.
     label_share: float = bounded(0.5, 0, 1)
     """With early fusion in 3D: a cluster gets a camera's label where at least this share of its points carries one."""
 
 
-RADAR = PlainClusterParams(eps_m=1.5, min_points=4)  # Large radius and few points for radar, as the thesis says
-RADAR_IMAGE = PlainImageParams(eps_px=25.0, min_points=4, depth_px_per_m=15.0)
-MORE_POINTS = PlainSizeParams(least_points=8)  # Of clusters of radar, and of a merged cloud
-
-
-def radar_params() -> PlainSensorParams:
-    """Parameters for clusters of radar in space."""
-    return PlainSensorParams(cluster=RADAR, size=MORE_POINTS)
+# Large radius and few points for radar, as the thesis says; more points of its clusters.
+RADAR = PlainSensorParams(cluster=PlainClusterParams(eps_m=1.5, min_points=4), size=PlainSizeParams(least_points=8))
+RADAR_IMAGES = PlainImageSensorParams(
+    cluster=RADAR.cluster, size=RADAR.size, image=PlainImageParams(eps_px=25.0, min_points=4, depth_px_per_m=15.0)
+)
 
 
 @dataclass(frozen=True)
 class PlainParams(CheckedParams):
     """What the plain pipelines in images and in space share."""
 
-    uses: tuple[PlainSensor, ...] = ("camera", "lidar", "radar")
-    """Kinds of sensors: camera, lidar, radar, stereo."""
-    strategy: Strategy = "late"
-    """`early`: points of all sensors are merged; `late`: boxes of each."""
-    camera: CameraParams = field(default_factory=CameraParams)
-    """Detection by camera."""
-    lidar: PlainSensorParams = field(default_factory=PlainSensorParams)
-    """Points of LiDARs."""
-    radar: PlainSensorParams = field(default_factory=radar_params)
-    """Points of radars."""
-    stereo: PlainSensorParams = field(default_factory=PlainSensorParams)
-    """Points of stereo."""
-    depth: StereoParams = field(default_factory=StereoParams)
-    """How stereo gives depth."""
-    fusion: PlainFusionParams = field(default_factory=PlainFusionParams)
-    """How boxes of several sensors become one."""
+    uses: tuple[PlainSensor, ...] = ("camera", "lidar", "radar")  # Kinds of sensors: camera, lidar, radar, stereo.
+    strategy: Strategy = "late"  # `early`: points of all sensors are merged; `late`: boxes of each.
+    camera: CameraParams = field(default_factory=CameraParams)  # Detection by camera.
+    lidar: PlainSensorParams = field(default_factory=PlainSensorParams)  # Points of LiDARs.
+    radar: PlainSensorParams = RADAR  # Points of radars.
+    stereo: PlainSensorParams = field(default_factory=PlainSensorParams)  # Points of stereo.
+    depth: StereoParams = field(default_factory=StereoParams)  # How stereo gives depth.
+    fusion: PlainFusionParams = field(default_factory=PlainFusionParams)  # How boxes of several sensors become one.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()

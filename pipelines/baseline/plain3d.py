@@ -5,24 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.baseline.boxes import (
-    UNKNOWN,
-    Extents,
-    PlainCloud,
-    add_camera,
-    box_clusters,
-    cluster_in_space,
-    cluster_labels,
-    join_clouds,
-    label_boxes,
-    label_points,
-    merge_boxes,
-    no_extents,
-    to_solid,
-)
-from fbench.pipelines.baseline.observations import KINDS, PlainSensors
+from fbench.pipelines.baseline import boxes
+from fbench.pipelines.baseline.boxes import KINDS, Extents, PlainCloud, PlainSensors
 from fbench.pipelines.baseline.params import (
-    MORE_POINTS,
+    RADAR,
     PlainClusterParams,
     PlainParams,
     PlainSensor,
@@ -33,7 +19,7 @@ from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker3D
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.boxes import Boxes3D
@@ -53,10 +39,8 @@ class Plain3DParams(PlainParams):
     """
     cluster: PlainClusterParams = field(default_factory=PlainClusterParams)
     """With `early`: how the points of all are grouped."""
-    size: PlainSizeParams = field(default_factory=lambda: MORE_POINTS)
-    """With `early`: which clusters are dropped."""
-    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
-    """The tracker."""
+    size: PlainSizeParams = RADAR.size  # With `early`: which clusters are dropped.
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -72,17 +56,14 @@ class Plain3D(TrackingPipeline[Boxes3D]):
         self._params, self._sensors = params, PlainSensors(params)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take the sensors of the rig that are used. Raises LogError where it has none but cameras, or a camera that is
-        to be used can't be projected into.
-        """
+        """Take the sensors. Raises LogError where there are none but cameras, or a used one has no projection."""
         uses = self._params.uses
         if "stereo" not in uses:
             require("plain3d", tuple(kind for kind in KINDS if kind in uses), rig, log_info)
-        self._rig = rig
         self._sensors.start(rig, log_info)
         self._sensors.cameras.require_projections()
         self.missing = self._sensors.cameras.missing
-        self.reset("start")
+        super().start(rig, log_info)
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
@@ -91,33 +72,36 @@ class Plain3D(TrackingPipeline[Boxes3D]):
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         seen = self._sensors.view(frame, clock)
         find = self._early if self._params.strategy == "early" else self._late
-        return Detected(self._to_boxes(find(seen.clouds, seen.cameras, clock)), seen.faults, seen.missing)
+        found = find(seen.clouds, seen.cameras, clock)
+        result = replace(
+            boxes.to_solid(found),
+            label=np.where(found.label == "", boxes.UNKNOWN, found.label) if self._sensors.with_camera else None,
+            score=found.score,
+            sources=found.sources,
+            velocity_mps=np.full((len(found), 3), np.nan),
+        )
+        return Detected(result, seen.faults, seen.missing)
 
     def _early(
         self, clouds: Mapping[PlainSensor, PlainCloud], cameras: Mapping[str, CameraDetections], clock: StageClock
     ) -> Extents:
-        params, points = self._params, join_clouds(list(clouds.values()))
+        params, points = self._params, boxes.join_clouds(list(clouds.values()))
         with clock.stage("fuse"):
-            cluster = cluster_in_space(points, params.cluster)
-            label = cluster_labels(cluster, label_points(points.xyz, self._rig, cameras), params.fusion.label_share)
-            found = box_clusters(points, cluster, points.xyz, params.size, label)
-            return replace(found, sources=add_camera(found.sources, found.label))
+            cluster = boxes.cluster_in_space(points, params.cluster)
+            names = boxes.label_points(points.xyz, self._rig, cameras)
+            label = boxes.cluster_labels(cluster, names, params.fusion.label_share)
+            found = boxes.box_clusters(points, cluster, points.xyz, params.size, label)
+            return replace(found, sources=boxes.add_camera(found.sources, found.label))
 
     def _late(
         self, clouds: Mapping[PlainSensor, PlainCloud], cameras: Mapping[str, CameraDetections], clock: StageClock
     ) -> Extents:
-        parts = [no_extents(3)]
+        parts = [boxes.no_extents(3)]
         for kind, points in clouds.items():
             own = getattr(self._params, kind)
             with clock.stage(f"detect.{kind}"):
-                parts.append(box_clusters(points, cluster_in_space(points, own.cluster), points.xyz, own.size))
+                cluster = boxes.cluster_in_space(points, own.cluster)
+                parts.append(boxes.box_clusters(points, cluster, points.xyz, own.size))
         with clock.stage("fuse"):
             min_iou = self._params.fusion.min_iou
-            return label_boxes(merge_boxes(parts, min_iou), self._rig, cameras, min_iou)
-
-    def _to_boxes(self, found: Extents) -> Boxes3D:
-        label = np.where(found.label == "", UNKNOWN, found.label) if self._sensors.with_camera else None
-        return replace(
-            to_solid(found), label=label, score=found.score, sources=found.sources,
-            velocity_mps=np.full((len(found), 3), np.nan),
-        )  # fmt: skip
+            return boxes.label_boxes(boxes.merge_boxes(parts, min_iou), self._rig, cameras, min_iou)

@@ -2,60 +2,42 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufError
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.replay.contracts.errors import DataError
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, text_array
+from fbench.replay.data.arrays import Array, text_array
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.frames import Frame, Output
-from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
+from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.data.rig import LogInfo, Rig
 
 VERSION = 1  # Of the protocol
-_KINDS = {
-    "camera": schema.SENSOR_KIND_CAMERA,
-    "lidar": schema.SENSOR_KIND_LIDAR,
-    "radar": schema.SENSOR_KIND_RADAR,
-}
+_KINDS = {"camera": schema.SENSOR_KIND_CAMERA, "lidar": schema.SENSOR_KIND_LIDAR, "radar": schema.SENSOR_KIND_RADAR}
 Pieces = list[bytes | memoryview]  # Parts of one serialised message, in order
 
 
 def hello(rig: Rig, info: LogInfo) -> schema.Hello:
     """Introduce a log and its rig."""
-    return schema.Hello(
-        version=VERSION,
-        log_name=info.name,
-        log_id=info.log_id,
-        metadata=dict(info.metadata),
-        sensors=[_sensor(rig, name) for name in sorted(rig.mounts)],
-    )
+    sensors = []
+    for name, mount in sorted(rig.mounts.items()):
+        place = {"translation_m": mount.translation_m.tolist(), "rotation_xyzw": mount.rotation_xyzw.tolist()}
+        sensor = schema.Sensor(name=name, kind=_KINDS[mount.kind], **place)
+        if (camera := rig.cameras.get(name)) is not None:
+            sensor.camera.k[:] = camera.K.ravel().tolist()
+            sensor.camera.width_px, sensor.camera.height_px = camera.size_wh
+            sensor.camera.distortion_model = camera.distortion_model
+            sensor.camera.distortion[:] = camera.distortion.tolist()
+        sensors.append(sensor)
+    metadata = dict(info.metadata)
+    return schema.Hello(version=VERSION, log_name=info.name, log_id=info.log_id, metadata=metadata, sensors=sensors)
 
 
-def _sensor(rig: Rig, name: str) -> schema.Sensor:
-    mount, camera = rig.mounts[name], rig.cameras.get(name)
-    sensor = schema.Sensor(
-        name=name,
-        kind=_KINDS[mount.kind],
-        translation_m=mount.translation_m.tolist(),
-        rotation_xyzw=mount.rotation_xyzw.tolist(),
-    )
-    if camera is not None:
-        sensor.camera.k[:] = camera.K.ravel().tolist()
-        sensor.camera.width_px, sensor.camera.height_px = camera.size_wh
-        sensor.camera.distortion_model = camera.distortion_model
-        sensor.camera.distortion[:] = camera.distortion.tolist()
-    return sensor
-
-
-def small_request(sequence: int, kind: schema.Hello | schema.Reset) -> Pieces:
+def small_request(sequence: int, hello: schema.Hello | None = None, reset: schema.Reset | None = None) -> Pieces:
     """Return a request without bulk data."""
-    if isinstance(kind, schema.Hello):
-        return [schema.Request(sequence=sequence, hello=kind).SerializeToString()]
-    return [schema.Request(sequence=sequence, reset=kind).SerializeToString()]
+    return [schema.Request(sequence=sequence, hello=hello, reset=reset).SerializeToString()]
 
 
 def frame_request(sequence: int, frame: Frame) -> Pieces:
@@ -69,21 +51,18 @@ def frame_request(sequence: int, frame: Frame) -> Pieces:
         head.frame_number = frame.frame_number
     pieces: Pieces = [head.SerializeToString()]
     for _, message in sorted(frame.messages.items()):
-        pieces += _nested(schema.Frame.MESSAGES_FIELD_NUMBER, _message(message))
+        small = schema.Message(sensor=message.sensor, stamp_ns=message.stamp_ns, log_ns=message.log_ns)
+        number, content = _CONTENT[type(message)](message)
+        one = [small.SerializeToString(), *_nest(number, content)]
+        pieces += _nest(schema.Frame.MESSAGES_FIELD_NUMBER, one)
     sequenced = schema.Request(sequence=sequence).SerializeToString()
-    return [sequenced, *_nested(schema.Request.FRAME_FIELD_NUMBER, pieces)]
-
-
-def _message(message: Message) -> Pieces:
-    head = schema.Message(sensor=message.sensor, stamp_ns=message.stamp_ns, log_ns=message.log_ns)
-    number, content = _CONTENT[type(message)](message)
-    return [head.SerializeToString(), *_nested(number, content)]
+    return [sequenced, *_nest(schema.Request.FRAME_FIELD_NUMBER, pieces)]
 
 
 def _image(image: Image) -> tuple[int, Pieces]:
     width, height = image.size_wh
     head = schema.Image(encoding=image.encoding, width_px=width, height_px=height)
-    data = _nested(schema.Image.DATA_FIELD_NUMBER, [image.data])
+    data = _nest(schema.Image.DATA_FIELD_NUMBER, [image.data])
     return schema.Message.IMAGE_FIELD_NUMBER, [head.SerializeToString(), *data]
 
 
@@ -126,17 +105,12 @@ def _columns(*columns: tuple[int, Array | None, str]) -> Pieces:
     pieces: Pieces = []
     for number, array, dtype in columns:
         if array is not None:
-            pieces += _nested(number, [_view(array, dtype)])
+            # Bytes without a copy, where they lie in memory as they are wanted.
+            pieces += _nest(number, [np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data])
     return pieces
 
 
-def _view(array: Array, dtype: str) -> memoryview:
-    """Bytes of an array, without a copy where it lies in memory as it is wanted."""
-    return np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data
-
-
-def _nested(number: int, pieces: Sequence[bytes | memoryview]) -> Pieces:
-    """One length-delimited field."""
+def _nest(number: int, pieces: Sequence[bytes | memoryview]) -> Pieces:
     return [_varint(number << 3 | 2) + _varint(sum(map(len, pieces))), *pieces]
 
 
@@ -155,6 +129,9 @@ _MAX_MISSING = 256
 _MAX_CHARS = 200
 _MAX_STAGE_NS = 2**62
 _ALL_SOURCES = 15
+_SIZES = {"center_m": 3, "size_lwh_m": 3, "velocity_mps": 3, "xyxy_px": 4, "visible_xyxy_px": 4}  # Numbers a box
+_DTYPES = {"track_id": np.int64, "sources": np.uint8, "predicted": np.bool_}  # Of columns that aren't float64
+_REQUIRED = ("center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px")
 
 
 class ProtocolError(DataError):
@@ -162,9 +139,7 @@ class ProtocolError(DataError):
 
 
 def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
-    """Decode the answer to request number `sequence`. Raises ProtocolError where it can't be decoded, or answers
-    another request.
-    """
+    """Decode the answer to request `sequence`. Raises ProtocolError where it can't be, or answers another request."""
     try:
         response = schema.Response.FromString(bytes(data))
     except ProtobufError as error:
@@ -177,98 +152,52 @@ def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
 
 
 def to_output(output: schema.Output) -> Output:
-    """Return what a program found in a frame. Raises DataError where boxes are incomplete or not finite, saying which
-    field.
-    """
+    """Return what a program found. Raises DataError naming the field where boxes are incomplete or not finite."""
     _require_short("missing", [*output.missing, *output.missing.values()], 2 * _MAX_MISSING)
     _require_short("stages", [stage.name for stage in output.stages], _MAX_STAGES)
-    detections, tracks = _results(output)
-    _require_unique(tracks)
+    detections, tracks = (_read_boxes(name, output) for name in ("detections", "tracks"))
+    # An id names one object of a frame, and in images one of each camera.
+    ids = [] if tracks.track_id is None else tracks.track_id.tolist()
+    cameras = tracks.camera.tolist() if isinstance(tracks, Boxes2D) else [""] * len(ids)
+    named = Counter((camera, id_) for camera, id_ in zip(cameras, ids, strict=False) if id_ >= 0)
+    twice = next((id_ for (_, id_), num in named.items() if num > 1), None)
+    if twice is not None:
+        raise DataError(f"tracks: id {twice} is there twice; an id names one object of a frame")
     for name, boxes in (("detections", detections), ("tracks", tracks)):
-        _require_finite(name, boxes)
-    return Output(detections, tracks, _stage_ns(output.stages), missing=dict(sorted(output.missing.items())))
+        sane, scored = finite(boxes)
+        if not np.all(sane & scored):
+            first = int(np.argmin(sane & scored))
+            raise DataError(f"{name}: {'score' if sane[first] else 'geometry'} of box {first} isn't finite")
+    for stage in output.stages:
+        if stage.duration_ns > _MAX_STAGE_NS:
+            raise DataError(f"stages: '{stage.name}' took {stage.duration_ns} ns, which can't be")
+    stage_ns = {stage.name: stage.duration_ns for stage in output.stages}
+    return Output(detections, tracks, stage_ns, missing=dict(sorted(output.missing.items())))
 
 
-def _results(output: schema.Output) -> tuple[Boxes, Boxes]:
+def _read_boxes(name: str, output: schema.Output) -> Boxes:
     kind = output.WhichOneof("boxes")
-    if kind == "in_3d":
-        return _boxes3d("detections", output.in_3d.detections), _boxes3d("tracks", output.in_3d.tracks)
-    if kind == "in_2d":
-        return _boxes2d("detections", output.in_2d.detections), _boxes2d("tracks", output.in_2d.tracks)
-    raise DataError("gave an Output without in_3d or in_2d; set one, empty where nothing was found")
-
-
-def _require_few(name: str, num: int) -> None:
+    if kind is None:
+        raise DataError("gave an Output without in_3d or in_2d; set one, empty where nothing was found")
+    boxes = getattr(getattr(output, kind), name)
+    num = len(boxes.yaw_rad if kind == "in_3d" else boxes.camera)
     if num > _MAX_BOXES:
         raise DataError(f"{name}: expected at most {_MAX_BOXES} boxes, got {num}")
-
-
-def _boxes3d(name: str, boxes: schema.Boxes3D) -> Boxes3D:
-    _require_few(name, len(boxes.yaw_rad))
-    return Boxes3D(
-        center_m=_vectors(f"{name}.center_m", boxes.center_m, 3),
-        size_lwh_m=_vectors(f"{name}.size_lwh_m", boxes.size_lwh_m, 3),
-        yaw_rad=np.array(boxes.yaw_rad, np.float64),
-        roll_rad=_numbers(boxes.roll_rad),
-        pitch_rad=_numbers(boxes.pitch_rad),
-        velocity_mps=_vectors(f"{name}.velocity_mps", boxes.velocity_mps, 3) if boxes.velocity_mps else None,
-        **_common(name, boxes),
-    )
-
-
-def _boxes2d(name: str, boxes: schema.Boxes2D) -> Boxes2D:
-    _require_few(name, len(boxes.camera))
-    visible = boxes.visible_xyxy_px
-    return Boxes2D(
-        camera=_texts(boxes.camera),
-        xyxy_px=_vectors(f"{name}.xyxy_px", boxes.xyxy_px, 4),
-        visible_xyxy_px=_vectors(f"{name}.visible_xyxy_px", visible, 4) if visible else None,
-        distance_m=_numbers(boxes.distance_m),
-        range_rate_mps=_numbers(boxes.range_rate_mps),
-        **_common(name, boxes),
-    )
-
-
-def _common(name: str, boxes: schema.Boxes3D | schema.Boxes2D) -> dict[str, Any]:
-    """Fields of both kinds of boxes."""
-    track_id: Int64 | None = np.array(boxes.track_id, np.int64) if boxes.track_id else None
-    predicted: Bool | None = np.array(boxes.predicted, np.bool_) if boxes.predicted else None
-    return {
-        "label": _texts(boxes.label) if boxes.label else None,
-        "score": _numbers(boxes.score),
-        "track_id": track_id,
-        "sources": _sources(name, boxes.sources),
-        "predicted": predicted,
-    }
-
-
-def _numbers(values: Sequence[float]) -> Float64 | None:
-    return np.array(values, np.float64) if values else None
-
-
-def _texts(values: Sequence[str]) -> Text:
-    return text_array(list(values))
-
-
-def _vectors(where: str, values: Sequence[float], size: int) -> Float64:
-    if len(values) % size:
-        raise DataError(f"{where}: expected {size} numbers a box, got {len(values)} in all")
-    return np.array(values, np.float64).reshape(-1, size)
-
-
-def _sources(name: str, values: Sequence[int]) -> Array | None:
-    if not values:
-        return None
-    if max(values) > _ALL_SOURCES:
-        raise DataError(f"{name}.sources: expected sums of 1, 2, 4 and 8, got {max(values)}")
-    return np.array(values, np.uint8)
-
-
-def _require_finite(name: str, boxes: Boxes) -> None:
-    sane, scored = finite(boxes)
-    if not np.all(sane & scored):
-        first = int(np.argmin(sane & scored))
-        raise DataError(f"{name}: {'score' if sane[first] else 'geometry'} of box {first} isn't finite")
+    columns = dict[str, Array]()
+    for field in boxes.DESCRIPTOR.fields:
+        values, size = getattr(boxes, field.name), _SIZES.get(field.name)
+        if size is not None and len(values) % size:
+            raise DataError(f"{name}.{field.name}: expected {size} numbers a box, got {len(values)} in all")
+        if field.name == "sources" and max(values, default=0) > _ALL_SOURCES:
+            raise DataError(f"{name}.sources: expected sums of 1, 2, 4 and 8, got {max(values)}")
+        if not values and field.name not in _REQUIRED:
+            continue
+        if field.name in ("camera", "label"):
+            columns[field.name] = text_array(list(values))
+        else:
+            column: Array = np.array(values, _DTYPES.get(field.name, np.float64))
+            columns[field.name] = column if size is None else column.reshape(-1, size)
+    return Boxes3D(**columns) if kind == "in_3d" else Boxes2D(**columns)
 
 
 def _require_short(where: str, texts: Sequence[str], limit: int) -> None:
@@ -277,20 +206,3 @@ def _require_short(where: str, texts: Sequence[str], limit: int) -> None:
     longest = max(map(len, texts), default=0)
     if longest > _MAX_CHARS:
         raise DataError(f"{where}: a text has {longest} characters, at most {_MAX_CHARS} are taken")
-
-
-def _require_unique(tracks: Boxes) -> None:
-    """An id names one object of a frame, and in images one of each camera."""
-    ids = [] if tracks.track_id is None else tracks.track_id.tolist()
-    cameras = tracks.camera.tolist() if isinstance(tracks, Boxes2D) else [""] * len(ids)
-    named = Counter((camera, id_) for camera, id_ in zip(cameras, ids, strict=False) if id_ >= 0)
-    twice = next((id_ for (_, id_), num in named.items() if num > 1), None)
-    if twice is not None:
-        raise DataError(f"tracks: id {twice} is there twice; an id names one object of a frame")
-
-
-def _stage_ns(stages: Sequence[schema.Stage]) -> dict[str, int]:
-    for stage in stages:
-        if stage.duration_ns > _MAX_STAGE_NS:
-            raise DataError(f"stages: '{stage.name}' took {stage.duration_ns} ns, which can't be")
-    return {stage.name: stage.duration_ns for stage in stages}

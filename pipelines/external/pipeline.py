@@ -4,21 +4,14 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.pipelines.external.messages import (
-    Pieces,
-    ProtocolError,
-    frame_request,
-    hello,
-    parse_response,
-    small_request,
-    to_output,
-)
+from fbench.pipelines.external import messages
+from fbench.pipelines.external.messages import ProtocolError
 from fbench.pipelines.external.process import Command, Deadline, KeptText, Process, ProgramError, parse_command
 from fbench.replay.contracts.errors import DataError, FbenchError, LogError, RunError
-from fbench.replay.contracts.params import require_between
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
@@ -26,6 +19,11 @@ from fbench.replay.data.rig import LogInfo, Rig
 _LENGTH = struct.Struct("<I")
 _MAX_REQUEST_BYTES = 2**31 - 1  # What protobuf can read
 _MAX_ERROR_CHARS = 500
+_MIB = 1 << 20
+_MAX_STAGES = 64
+_MAX_NAME_CHARS = 200
+
+__all__ = ["Dialogue", "ProgramError", "ProtocolError", "RefusedError"]
 
 
 class RefusedError(FbenchError):
@@ -33,60 +31,48 @@ class RefusedError(FbenchError):
 
 
 class Dialogue:
-    """A running program and the number of the next request.
-
-    Args:
-        command: What to run.
-        stderr: Keeps what it writes there.
-        max_response_bytes: Longer answers are refused.
-
-    Raises:
-        ConfigError: where the program can't be executed.
-    """
+    """A running program and the number of the next request. Raises ConfigError where it can't be executed."""
 
     def __init__(self, command: Command, stderr: KeptText, max_response_bytes: int) -> None:
         self.process = Process(command, stderr, 2 * max_response_bytes)
-        self._max_response_bytes = max_response_bytes
-        self._sequence = 0
+        self._max_response_bytes, self._sequence = max_response_bytes, 0
 
     def greet(self, hello: schema.Hello, timeout_s: float) -> schema.Ready:
-        """Say hello.
-
-        Raises:
-            ProgramError, ProtocolError, RefusedError: where the program isn't ready, or speaks another version.
+        """Say hello. Raises ProgramError, ProtocolError or RefusedError where the program isn't ready, or speaks
+        another version.
         """
-        ready = self._ask(small_request(self._next(), hello), timeout_s, "ready").ready
+        ready = self._ask("ready", timeout_s, hello=hello).ready
         if ready.version != hello.version:
             raise ProtocolError(f"speaks version {ready.version} of the protocol, expected {hello.version}")
         return ready
 
     def reset(self, reason: str, timeout_s: float) -> None:
-        """Have it forget all tracks.
-
-        Raises:
-            ProgramError, ProtocolError, RefusedError: where it doesn't.
-        """
-        self._ask(small_request(self._next(), schema.Reset(reason=reason)), timeout_s, "done")
+        """Have it forget all tracks. Raises ProgramError, ProtocolError or RefusedError where it doesn't."""
+        self._ask("done", timeout_s, reset=schema.Reset(reason=reason))
 
     def step(self, frame: Frame, timeout_s: float) -> schema.Output:
-        """Have it process one frame.
+        """Have it process one frame. Raises ProgramError, ProtocolError or RefusedError where it doesn't."""
+        return self._ask("output", timeout_s, frame).output
 
-        Raises:
-            ProgramError, ProtocolError, RefusedError: where it doesn't.
-        """
-        return self._ask(frame_request(self._next(), frame), timeout_s, "output").output
-
-    def _next(self) -> int:
+    def _ask(self, expected: str, timeout_s: float, frame: Frame | None = None, **small: Any) -> schema.Response:
         self._sequence += 1
-        return self._sequence
-
-    def _ask(self, request: Pieces, timeout_s: float, expected: str) -> schema.Response:
+        if frame is None:
+            request = messages.small_request(self._sequence, **small)
+        else:
+            request = messages.frame_request(self._sequence, frame)
         num = sum(map(len, request))
         if num > _MAX_REQUEST_BYTES:
             raise RefusedError(f"a frame of {num} bytes is too large for a request, which can have 2 GiB")
         deadline = Deadline(timeout_s)
         self.process.send([_LENGTH.pack(num), *request], deadline)
-        response = parse_response(self._receive(deadline), self._sequence)
+        head = self.process.receive(_LENGTH.size, deadline)
+        (num,) = _LENGTH.unpack(head)
+        if num > self._max_response_bytes:
+            is_text = all(32 <= byte < 127 or byte in b"\t\r\n" for byte in head)
+            hint = f" ({head.decode()!r}: does it print to stdout?)" if is_text else ""
+            most = self._max_response_bytes
+            raise ProtocolError(f"announced an answer of {num} bytes{hint}, at most {most} are taken")
+        response = messages.parse_response(self.process.receive(num, deadline), self._sequence)
         kind = response.WhichOneof("kind")
         if kind == "error":
             raise RefusedError(f"says: {response.error[:_MAX_ERROR_CHARS]}")
@@ -94,45 +80,18 @@ class Dialogue:
             raise ProtocolError(f"answered with {kind}, expected {expected}")
         return response
 
-    def _receive(self, deadline: Deadline) -> bytes:
-        head = self.process.receive(_LENGTH.size, deadline)
-        (num,) = _LENGTH.unpack(head)
-        if num > self._max_response_bytes:
-            is_text = all(32 <= byte < 127 or byte in b"\t\r\n" for byte in head)
-            hint = f" ({head.decode()!r}: does it print to stdout?)" if is_text else ""
-            raise ProtocolError(
-                f"announced an answer of {num} bytes{hint}, at most {self._max_response_bytes} are taken"
-            )
-        return self.process.receive(num, deadline)
-
-
-__all__ = ["Dialogue", "ProgramError", "ProtocolError", "RefusedError"]
-
-
-_MIB = 1 << 20
-_MAX_STAGES = 64
-_MAX_NAME_CHARS = 200
-
 
 @dataclass(frozen=True)
-class ExecParams:
+class ExecParams(CheckedParams):
     """Parameters of `exec`."""
 
-    command: str = ""
-    """The program with its arguments, split as a shell does; found in PATH, or as a path."""
-    frame_timeout_s: float = 10.0
+    command: str = ""  # The program with its arguments, split as a shell does; found in PATH, or as a path.
+    frame_timeout_s: float = bounded(10.0, 0.001)
     """A program that takes longer for a frame [s] is killed and started again."""
-    start_timeout_s: float = 60.0
-    """So long [s] it may take to be ready."""
-    close_timeout_s: float = 2.0
+    start_timeout_s: float = bounded(60.0, 0.001)  # So long [s] it may take to be ready.
+    close_timeout_s: float = bounded(2.0, 0.001)
     """So long [s] it may take to exit when its stdin is closed, and again when it is terminated; then it is killed."""
-    max_response_mib: int = 64
-    """Longer answers [MiB] are refused."""
-
-    def __post_init__(self) -> None:
-        for name in ("frame_timeout_s", "start_timeout_s", "close_timeout_s"):
-            require_between(name, getattr(self, name), 0.001)
-        require_between("max_response_mib", self.max_response_mib, 1, 1024)
+    max_response_mib: int = bounded(64, 1, 1024)  # Longer answers [MiB] are refused.
 
 
 class Exec:
@@ -156,9 +115,9 @@ class Exec:
         """Start the program, or tell it of another rig. Raises LogError where the program says that it can't work with
         this log. Raises RunError where it ends, hangs or speaks another version.
         """
-        self._hello = hello(rig, log_info)
+        self._hello = messages.hello(rig, log_info)
         try:
-            with self._watched():
+            with self._watch():
                 ready = self._greet(self._dialogue or self._begin())
         except RefusedError as error:
             self._kill()
@@ -166,14 +125,17 @@ class Exec:
         except (ProgramError, ProtocolError) as error:
             raise RunError(f"exec: can't start: {error}") from error
         # Files may be built anew while the run goes on.
-        self._identity = self._identity or _identity(self._command, ready)
+        self._identity = self._identity or {
+            "program.name": ready.name[:_MAX_NAME_CHARS],
+            "program.files": [describe_file(path) for path in self._command.files],
+        }
 
     def reset(self, reason: str) -> None:
         """Have the program forget all tracks; one that was lost has none."""
         if self._dialogue is None:
             return
         try:
-            with self._watched():
+            with self._watch():
                 self._dialogue.reset(reason, self._params.frame_timeout_s)
         except RefusedError:
             self._kill()  # it may still hold what it should have forgotten
@@ -184,18 +146,23 @@ class Exec:
         crashes or hangs. Raises ProtocolError where it doesn't keep to the protocol. Raises RefusedError where it says
         that it can't do this frame. Raises DataError where boxes are incomplete or not finite.
         """
-        with self._watched():
-            dialogue = self._dialogue or self._begin_again()
+        with self._watch():
+            if (dialogue := self._dialogue) is None:
+                dialogue = self._begin()
+                try:
+                    self._greet(dialogue)
+                    dialogue.reset("the program was started again", self._params.frame_timeout_s)
+                except RefusedError:
+                    self._kill()
+                    raise
             output = dialogue.step(frame, self._params.frame_timeout_s)
-        return self._check(to_output(output))
-
-    def _check(self, output: Output) -> Output:
-        """Each name of a stage becomes a column of the run: they may not be new in every frame."""
-        names = dict.fromkeys([*self._stages, *output.stage_ns])
+        result = messages.to_output(output)
+        # Each name of a stage becomes a column of the run: they may not be new in every frame.
+        names = dict.fromkeys([*self._stages, *result.stage_ns])
         if len(names) > _MAX_STAGES:
             raise DataError(f"stages: over {_MAX_STAGES} different names in the run, such as '{list(names)[-1]}'")
         self._stages = tuple(names)
-        return output
+        return result
 
     def close(self) -> None:
         """End the program."""
@@ -216,21 +183,11 @@ class Exec:
         self._dialogue = Dialogue(self._command, self._kept, self._params.max_response_mib * _MIB)
         return self._dialogue
 
-    def _begin_again(self) -> Dialogue:
-        dialogue = self._begin()
-        try:
-            self._greet(dialogue)
-            dialogue.reset("the program was started again", self._params.frame_timeout_s)
-        except RefusedError:
-            self._kill()
-            raise
-        return dialogue
-
     def _greet(self, dialogue: Dialogue) -> schema.Ready:
         return dialogue.greet(self._hello, self._params.start_timeout_s)
 
     @contextmanager
-    def _watched(self) -> Iterator[None]:
+    def _watch(self) -> Iterator[None]:
         """Kill a program that can't be trusted any more, and say what it said last."""
         try:
             yield
@@ -245,8 +202,3 @@ class Exec:
         dialogue, self._dialogue = self._dialogue, None
         if dialogue is not None:
             dialogue.process.kill()
-
-
-def _identity(command: Command, ready: schema.Ready) -> dict[str, object]:
-    files = [describe_file(path) for path in command.files]
-    return {"program.name": ready.name[:_MAX_NAME_CHARS], "program.files": files}

@@ -48,23 +48,14 @@ def parse_command(text: str) -> Command:
         raise ConfigError(f"exec: command {text!r} can't be split into words: {error}") from error
     if not words or not words[0] or "\0" in text:
         raise ConfigError("exec: needs a command, such as -p 'exec:./my_stack --option'")
-    return Command(_find_program(words[0]), words)
-
-
-def _find_program(word: str) -> str:
-    in_path = None if "/" in word else shutil.which(word)
-    path = Path(in_path or word).absolute()
+    word = words[0]
+    path = Path(word if "/" in word else shutil.which(word) or word).absolute()
     if path.is_dir() or not path.exists():
         where = "no such program" if "/" in word else "no such program in PATH or in this folder"
         raise ConfigError(f"exec: {word}: {where}")
     if not os.access(path, os.X_OK):
         raise ConfigError(f"exec: {word}: isn't executable; try chmod +x {word}")
-    return str(path)
-
-
-def environment() -> dict[str, str]:
-    """Variables for a program: all but the number of threads that fbench sets for itself."""
-    return {name: value for name, value in os.environ.items() if name not in _OWN_VARIABLES}
+    return Command(str(path), words)
 
 
 _HALF_BYTES = 512 * 1024
@@ -136,23 +127,17 @@ class Deadline:
 class Process:
     """A program with pipes for stdin, stdout and stderr, in a session of its own.
 
-    One loop watches all of them and the process itself: nothing that the program does, or fails to do, blocks.
-
-    Args:
-        command: What to run.
-        stderr: Keeps what it writes there.
-        max_unread: So many bytes at most may wait on its stdout for somebody who wants them.
-
-    Raises:
-        ConfigError: where the program can't be executed.
+    One loop watches all of them and the process itself: nothing that the program does, or fails to do, blocks. At most
+    `max_unread` bytes may wait on its stdout for somebody who wants them. Raises ConfigError where the program can't be
+    executed.
     """
 
     def __init__(self, command: Command, stderr: KeptText, max_unread: int) -> None:
-        pipe = subprocess.PIPE
+        pipe, environment = subprocess.PIPE, {k: v for k, v in os.environ.items() if k not in _OWN_VARIABLES}
         try:
             self._popen = subprocess.Popen(  # noqa: S603 - the user names the program, and no shell is involved
                 command.words, executable=command.program, stdin=pipe, stdout=pipe, stderr=pipe, bufsize=0,
-                start_new_session=True, env=environment(),
+                start_new_session=True, env=environment,
             )  # fmt: skip
         except OSError as error:
             raise ConfigError(f"exec: {command.words[0]}: can't be executed ({error.strerror})") from error
@@ -174,13 +159,17 @@ class Process:
         """Write all pieces to the program's stdin. Raises ProgramError where it ends, closes its stdin, or hasn't read
         them by the deadline.
         """
-        total = sum(map(len, pieces))
-        left = total
+        left = total = sum(map(len, pieces))
         first = 0
         self._poll.register(self._stdin, select.POLLOUT)
         try:
             while left:
-                num = self._write(pieces[first : first + _MAX_PIECES])
+                try:
+                    num = os.writev(self._stdin, pieces[first : first + _MAX_PIECES])
+                except BlockingIOError:
+                    num = 0
+                except BrokenPipeError as error:
+                    raise ProgramError(self._last_words("closed its stdin")) from error
                 left -= num
                 while num:  # drop what is written
                     size = len(pieces[first])
@@ -192,14 +181,6 @@ class Process:
                     self._wait(deadline, f"read only {total - left} of {total} bytes from its stdin")
         finally:
             self._poll.unregister(self._stdin)
-
-    def _write(self, pieces: list[bytes | memoryview]) -> int:
-        try:
-            return os.writev(self._stdin, pieces)
-        except BlockingIOError:
-            return 0
-        except BrokenPipeError as error:
-            raise ProgramError(self._last_words("closed its stdin")) from error
 
     def receive(self, num: int, deadline: Deadline) -> bytes:
         """Take `num` bytes of what the program writes to stdout. Raises ProgramError where it ends, closes its stdout,

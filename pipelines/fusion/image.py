@@ -2,14 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Points
-from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera
-from fbench.pipelines.sensors.image.stage import InImages, Rays, nearest_dense, share_beyond
+from fbench.pipelines.sensors.image.stage import (
+    SURE,
+    ImageObservations,
+    InImages,
+    Rays,
+    by_camera,
+    nearest_dense,
+    share_beyond,
+)
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -51,15 +59,13 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     """How likely an object is before any sensor looks [0 to 1]; the lower, the more it means that two agree."""
     lidar_weight: float = bounded(0.75, 0, 1)
     """Probability of what looks fully like a vehicle to LiDAR, by itself [0 to 1]."""
-    radar_weight: float = bounded(0.7, 0, 1)
-    """The same for radar."""
+    radar_weight: float = bounded(0.7, 0, 1)  # The same for radar.
     points_factor: float = bounded(1.6, 1, 1000)
     """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
     object themselves; nearer to 1 for few."""
     measured_share: float = bounded(0.2, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
-    weak_measured_share: float = bounded(1.0, 0, 1)
-    """The same where the camera is least sure; in proportion between."""
+    weak_measured_share: float = bounded(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
     unseen_by_camera: float = bounded(0.1, 0, 1)
     """Factor on the odds of an object that a working camera ought to see and doesn't, where cameras see everything
     that LiDAR and radar see; nearer to 1 the less they saw of that lately, as by night."""
@@ -69,8 +75,7 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     """The same for LiDAR and radar, where their rays go on behind the object."""
     through: float = bounded(0.6, 0, 1)
     """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
-    min_score: float = bounded(0.5, 0, 1)
-    """Objects that are less likely are dropped."""
+    min_score: float = bounded(0.5, 0, 1)  # Objects that are less likely are dropped.
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +84,14 @@ class ImageView:
 
     rig: Rig
     camera: str
-    seen: Sightings
+    seen: ImageObservations
     works: bool  # Whether the camera itself worked
     points: Mapping[Source, Points] = field(default_factory=dict)
     """Points of LiDAR and radar over the ground, where fusion is early."""
     rays: Mapping[Source, Rays] = field(default_factory=dict)  # All their points
 
 
-@dataclass(frozen=True)
-class PointEvidence:
+class PointEvidence(NamedTuple):
     """Statement of the points of one kind of sensor about a box."""
 
     depth_m: float  # Depth of the object they are on [m]
@@ -133,7 +137,7 @@ class ImageFusion:
         return ImageView(
             rig=self._rig,
             camera=camera,
-            seen=Sightings.join(parts),
+            seen=ImageObservations.join(parts),
             works=found is not None,
             points={kind: view.points[camera] for kind, view in others.items() if camera in view.points},
             rays={kind: view.rays[camera] for kind, view in others.items() if camera in view.rays},
@@ -150,7 +154,10 @@ def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) 
     seen = view.seen
     groups = [rows for rows in associate(seen, params.min_similarity) if len(rows) > 1 or not seen.weak[rows[0]]]
     groups = _drop_parts(seen, groups)
-    free = {kind: _free_points(view, kind, groups) for kind in view.points}
+    free = {}  # points of no object: of no cluster, or of one that is a group by itself; not those of large things
+    for kind, points in view.points.items():
+        alone = np.array([rows[0] for rows in groups if len(rows) == 1 and seen.source[rows[0]] == int(kind)], np.int64)
+        free[kind] = points[(points.cluster < 0) | np.isin(points.cluster, seen.spot[alone])]
     share = camera_share if view.works else 0.0
     objects = sorted(
         (_object(view, rows, free, share, params) for rows in groups), key=lambda o: (-o.score, *o.xyxy_px.tolist())
@@ -172,7 +179,7 @@ def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) 
     )
 
 
-def associate(seen: Sightings, min_similarity: float) -> list[Int64]:
+def associate(seen: ImageObservations, min_similarity: float) -> list[Int64]:
     """Group boxes (N) that show one object; each group has at most one box of each kind of sensor.
 
     The best pair is joined first, whichever sensors it is of: the most similar one of the surest boxes. A camera's weak
@@ -193,22 +200,20 @@ def associate(seen: Sightings, min_similarity: float) -> list[Int64]:
     return [np.flatnonzero(group == number) for number in np.unique(group)]
 
 
-def similarity(seen: Sightings) -> Float64:
+def similarity(seen: ImageObservations) -> Float64:
     """Similarity of boxes (N, N), 0 to 1: their overlap in the image times how well their depths agree."""
     flat = seen.xyxy_px.copy()
     flat[:, 1], flat[:, 3] = 0.0, 1.0  # compares left and right only
     upright = seen.upright[:, None] & seen.upright[None, :]
     guessed = seen.source == int(Source.C)
     depths = np.maximum(_depth_agreement(seen), np.where(guessed[:, None] | guessed[None, :], _MISTAKEN, 0.0))
-    return np.where(upright, _overlap(seen.xyxy_px), _overlap(flat)) * depths
+    overlaps = [
+        np.maximum(iou_2d(xyxy, xyxy), _CONTAINED * _inside_shares(xyxy, xyxy)) for xyxy in (seen.xyxy_px, flat)
+    ]
+    return np.where(upright, *(np.maximum(overlap, overlap.T) for overlap in overlaps)) * depths
 
 
-def _overlap(xyxy_px: Float64) -> Float64:
-    overlap = np.maximum(iou_2d(xyxy_px, xyxy_px), _CONTAINED * _inside_shares(xyxy_px, xyxy_px))
-    return np.asarray(np.maximum(overlap, overlap.T), np.float64)
-
-
-def _depth_agreement(seen: Sightings) -> Float64:
+def _depth_agreement(seen: ImageObservations) -> Float64:
     """How well depths agree (N, N): 1 where they are equal or one isn't known, falling with their relative errors."""
     log = np.log(np.maximum(seen.depth_m, 0.1))
     difference = np.nan_to_num(log[:, None] - log[None, :])
@@ -225,10 +230,8 @@ def _inside_shares(a: Float64, b: Float64) -> Float64:
     return np.asarray(common / np.maximum(area, 1e-9)[:, None], np.float64)
 
 
-def _drop_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
-    """Leave out groups that are a part of what a camera, sure of it, and another sensor show together; not those of
-    which a camera is surer.
-    """
+def _drop_parts(seen: ImageObservations, groups: list[Int64]) -> list[Int64]:
+    """Leave out parts of what a sure camera and another sensor show together, unless a camera is surer of the part."""
     sure = (seen.source == int(Source.C)) & ~seen.weak
     whole = [rows for rows in groups if sure[rows[0]] and len(rows) > 1]
     boxes, depths = (np.array([rows[k] for rows in whole], np.int64) for k in (0, 1))
@@ -236,13 +239,6 @@ def _drop_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
     less = ~sure[:, None] | (seen.score[:, None] < seen.score[None, boxes])
     is_part = ((share > _PART) & (_depth_agreement(seen)[:, depths] > _AGREE) & less).any(axis=1)
     return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
-
-
-def _free_points(view: ImageView, kind: Source, groups: list[Int64]) -> Points:
-    """Points that no object has: those of no cluster, or of one that is a group by itself, but not of large things."""
-    alone = [rows[0] for rows in groups if len(rows) == 1 and view.seen.source[rows[0]] == int(kind)]
-    points = view.points[kind]
-    return points.rows((points.cluster < 0) | np.isin(points.cluster, view.seen.spot[np.array(alone, np.int64)]))
 
 
 def _object(
@@ -267,7 +263,9 @@ def _object(
     elif Source.R in found:
         rate = found[Source.R].rate_mps
     else:
-        rate = _rate_at(view.points[Source.R], box, depth) if Source.R in view.points else float("nan")
+        rate = float("nan")
+        if (echoes := view.points.get(Source.R)) is not None:
+            rate = _rate(echoes, _in_box(echoes, box) & (np.abs(echoes.depth_m - depth) < _AROUND_M))
     return ImageObject(
         xyxy_px=box,
         label=str(seen.label[shown]),
@@ -278,7 +276,7 @@ def _object(
     )
 
 
-def _point_evidence(seen: Sightings, at: int, points: Points) -> PointEvidence | None:
+def _point_evidence(seen: ImageObservations, at: int, points: Points) -> PointEvidence | None:
     """Find the nearest dense depth of the points in box `at`, near what the camera guesses; `None` without any."""
     inside = _in_box(points, seen.xyxy_px[at])
     guess, std = seen.depth_m[at], seen.depth_std[at]
@@ -289,11 +287,6 @@ def _point_evidence(seen: Sightings, at: int, points: Points) -> PointEvidence |
         return None
     on_it = inside & (np.abs(points.depth_m - depth) < _AROUND_M)
     return PointEvidence(depth, float(saturate(int(np.count_nonzero(on_it)), _FULL)), _rate(points, on_it))
-
-
-def _rate_at(points: Points, xyxy_px: Float64, depth_m: float) -> float:
-    """Change of the distance [m/s] of what is in a box (4,) at a depth, by its echoes; NaN without any."""
-    return _rate(points, _in_box(points, xyxy_px) & (np.abs(points.depth_m - depth_m) < _AROUND_M))
 
 
 def _in_box(points: Points, xyxy_px: Float64) -> Bool:
@@ -311,7 +304,7 @@ def _rate(points: Points, rows: Bool) -> float:
     return rate - float(np.nanmedian(own))
 
 
-def _outline(seen: Sightings, of: Mapping[Source, int], params: ImageFusionParams) -> Float64:
+def _outline(seen: ImageObservations, of: Mapping[Source, int], params: ImageFusionParams) -> Float64:
     """Outline (4,) [px] by the camera, drawn toward that of the points, the more the less the camera is sure; without
     a camera by LiDAR, else radar.
     """
@@ -363,11 +356,8 @@ def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, s
 
 def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:
     """Distance of an object's middle from the body's origin [m], given the depth of its near side."""
-    if np.isnan(depth_m):
-        return float("nan")
-    middle = np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]])
-    ray = rays(view.rig.cameras[view.camera], middle)
-    if not ray[0, 2] > 0:
+    ray = rays(view.rig.cameras[view.camera], np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]]))
+    if np.isnan(depth_m) or not ray[0, 2] > 0:
         return float("nan")
     place = transform(view.rig.body_T_sensor(view.camera), ray / ray[0, 2] * (depth_m + _HALF_LENGTH_M))
     return float(np.sqrt((place**2).sum()))

@@ -33,26 +33,19 @@ class AssociationParams(CheckedParams, prefix="fusion.association"):
 
     lidar_area_m2: float = bounded(100.0, 0.01, 1e6)
     """Area [m²] in which one cluster of LiDAR points that is no part of the object is expected."""
-    radar_area_m2: float = bounded(2000.0, 0.01, 1e6)
-    """The same for a cluster of radar echoes."""
-    camera_area_m2: float = bounded(500.0, 0.01, 1e6)
-    """The same for what another camera sees."""
-    edge_std_px: float = bounded(1.5, 0, 1000)
-    """Error of the edges of a camera's box [px]."""
+    radar_area_m2: float = bounded(2000.0, 0.01, 1e6)  # The same for a cluster of radar echoes.
+    camera_area_m2: float = bounded(500.0, 0.01, 1e6)  # The same for what another camera sees.
+    edge_std_px: float = bounded(1.5, 0, 1000)  # Error of the edges of a camera's box [px].
     tilt_std_rad: float = bounded(0.004, 1e-6, 1)
     """Error of the ground's tilt against the camera [rad], for distances from the lower edge of a camera's box."""
-    min_range_std: float = bounded(0.09, 0.001, 10)
-    """Least relative error of distances guessed from the image."""
+    min_range_std: float = bounded(0.09, 0.001, 10)  # Least relative error of distances guessed from the image.
     bearing_std_rad: float = bounded(0.01, 1e-4, 1)
     """Error of a camera box's direction [rad], beside a share of its width."""
-    lidar_std_m: float = bounded(0.4, 0.01, 100)
-    """Error of the near side of an object by LiDAR [m]."""
+    lidar_std_m: float = bounded(0.4, 0.01, 100)  # Error of the near side of an object by LiDAR [m].
     radar_std_m: float = bounded(0.8, 0.01, 100)
     """Error of the near side of a moving object by radar, along the line of sight [m]."""
-    radar_bearing_std_rad: float = bounded(0.03, 1e-4, 1)
-    """Error of a radar cluster's direction [rad]."""
-    standing_std_m: float = bounded(1.5, 0.01, 100)
-    """Error of the distance of stationary objects by radar [m]."""
+    radar_bearing_std_rad: float = bounded(0.03, 1e-4, 1)  # Error of a radar cluster's direction [rad].
+    standing_std_m: float = bounded(1.5, 0.01, 100)  # Error of the distance of stationary objects by radar [m].
     bearing_margin_px: float = bounded(30.0, 0, 10_000)
     """Echoes this far beside a camera's box [px] may belong to it: radar is poor at angles."""
     least_inside: float = bounded(0.6, 0, 1)
@@ -85,9 +78,7 @@ class CameraObservation:
 def observe_camera(
     rig: Rig, camera: str, found: CameraDetections, plane: Plane | None, params: AssociationParams
 ) -> list[CameraObservation]:
-    """Lift the boxes of one image whose label has a typical size; those that no ray leads to are left out, and those
-    that aren't finite.
-    """
+    """Lift finite boxes of one image whose label has a typical size, and that a ray leads to."""
     finite = np.isfinite(found.xyxy_px).all(axis=1) & np.isfinite(found.score)
     rows = [i for i in np.flatnonzero(finite) if str(found.label[i]) in SIZES]
     lifted = [_lift(rig, camera, found, int(i), plane, params) for i in rows]
@@ -140,7 +131,9 @@ def _lift(
         return None
     (left, top, right, bottom), body_T_camera = (float(value) for value in flat[0]), flat[1]
     model, label = rig.cameras[camera], str(found.label[row])
-    is_left, is_high, is_right, is_low = _cut_borders(found.xyxy_px[row], model.size_wh)
+    edges = found.xyxy_px[row].tolist()
+    is_left, is_high = edges[0] < _EDGE_PX, edges[1] < _EDGE_PX
+    is_right, is_low = (edges[2 + axis] > model.size_wh[axis] - 1 - _EDGE_PX for axis in (0, 1))
     middle = ((left + right) / 2 - model.K[0, 2]) / model.K[0, 0]
     low = np.array([middle, (bottom - model.K[1, 2]) / model.K[1, 1], 1.0])
     ray = (body_T_camera[:3, :3] * low).sum(axis=1)
@@ -151,13 +144,17 @@ def _lift(
     depth, std = model.K[1, 1] * height / high_px, height_std
     if plane is not None and not is_low:
         tilt_std_rad = params.tilt_std_rad + params.edge_std_px / model.K[1, 1]
-        depth, std = _join_depths((depth, std), _depth_on_ground(ray, eye, plane, tilt_std_rad))
+        depth, std = _join_ground((depth, std), ray, eye, plane, tilt_std_rad)
     tall = (bottom - top) * depth / model.K[1, 1]
     if label in ("truck", "bus") and tall < LOW_TRUCK_M:
         length, width = SIZES["van"].lwh_m[:2]
     wide = (right - left) * depth / model.K[0, 0]
     hidden = max(0.0, length - wide) / 2 if wide > _SIDE_MARGIN * width else 0.0
-    aspect = np.pi / 2 if hidden and is_left != is_right else _aspect(wide, length, width)
+    # A rectangle turned by the aspect a against the line of sight looks l sin(a) + w cos(a) wide. What looks about as
+    # wide as it is long is taken to be seen from its side.
+    aspect = np.pi / 2
+    if not (hidden and is_left != is_right) and wide < _SIDE_SHARE * length:
+        aspect = max(0.0, np.arcsin(wide / np.hypot(length, width)) - np.arctan2(width, length))
     return CameraObservation(
         camera=camera,
         xyxy_px=found.xyxy_px[row],
@@ -177,49 +174,27 @@ def _lift(
     )
 
 
-def _cut_borders(xyxy: Float64, size_wh: tuple[int, int]) -> tuple[bool, bool, bool, bool]:
-    """Whether the left, upper, right and lower border of the image cut a box off."""
-    left, top, right, bottom = (float(value) for value in xyxy)
-    width, height = size_wh
-    return left < _EDGE_PX, top < _EDGE_PX, right > width - 1 - _EDGE_PX, bottom > height - 1 - _EDGE_PX
-
-
-def _depth_on_ground(ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float) -> tuple[float, float] | None:
-    """Depth at which a ray meets the ground, and its relative error: distance times tilt over height."""
+def _join_ground(
+    by_height: tuple[float, float], ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float
+) -> tuple[float, float]:
+    """Mean of two depths, by height and where the ray meets the ground, weighted by their relative errors; that on the
+    ground is distance times tilt over height. Where they contradict, heights count less.
+    """
     above = float(eye[2] - plane.slope_x * eye[0] - plane.slope_y * eye[1] - plane.height_m)
     fall = float(plane.slope_x * ray[0] + plane.slope_y * ray[1] - ray[2])
     if above <= 0 or fall <= 0.005:
-        return None
-    depth = above / fall
-    return depth, float(np.hypot(0.04, depth * tilt_std_rad / above))
-
-
-def _join_depths(by_height: tuple[float, float], by_ground: tuple[float, float] | None) -> tuple[float, float]:
-    """Mean of two guesses, weighted by their relative errors; where they contradict, heights count less."""
-    if by_ground is None:
         return by_height
-    weight_h, weight_g = by_height[1] ** -2, by_ground[1] ** -2
-    if abs(np.log(by_ground[0] / by_height[0])) > 3 * np.hypot(by_ground[1], by_height[1]):
+    depth = above / fall
+    std = float(np.hypot(0.04, depth * tilt_std_rad / above))
+    weight_h, weight_g = by_height[1] ** -2, std**-2
+    if abs(np.log(depth / by_height[0])) > 3 * np.hypot(std, by_height[1]):
         weight_h *= 0.1
-    log = (weight_h * np.log(by_height[0]) + weight_g * np.log(by_ground[0])) / (weight_h + weight_g)
+    log = (weight_h * np.log(by_height[0]) + weight_g * np.log(depth)) / (weight_h + weight_g)
     return float(np.exp(log)), float((weight_h + weight_g) ** -0.5)
 
 
-def _aspect(wide_m: float, length_m: float, width_m: float) -> float:
-    """Angle a between heading and line of sight at which a rectangle looks `wide_m`: l sin(a) + w cos(a).
-
-    What looks about as wide as it is long is taken to be seen from its side.
-    """
-    if wide_m >= _SIDE_SHARE * length_m:
-        return float(np.pi / 2)
-    diagonal = np.hypot(length_m, width_m)
-    return float(max(0.0, np.arcsin(wide_m / diagonal) - np.arctan2(width_m, length_m)))
-
-
 def outline_overlaps(rig: Rig, camera: str, boxes: Boxes3D, xyxy_px: Float64) -> Float64:
-    """IoU (N,) of boxes (N) in body coordinates, projected, with rectangles (N, 4) in the image of a camera; 0 for
-    those that can't be projected.
-    """
+    """IoU (N,) of projected boxes (N) in body coordinates with rectangles (N, 4); 0 for those that don't project."""
     outlines, _ = project_boxes(rig, camera, boxes)
     sides = np.minimum(outlines[:, 2:], xyxy_px[:, 2:]) - np.maximum(outlines[:, :2], xyxy_px[:, :2])
     common = np.maximum(sides, 0.0).prod(axis=1)

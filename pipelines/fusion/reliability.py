@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import overload
+from typing import Any
 
 import numpy as np
 
@@ -13,18 +13,10 @@ from fbench.replay.data.boxes import Boxes2D, Source
 SENSOR_LIMIT = 1 - 0.98  # No sensor alone can be surer of an object than 1 less this, nor of none than this
 
 
-@overload
-def log_odds(probability: float, least: float = SENSOR_LIMIT) -> float: ...
-
-
-@overload
-def log_odds(probability: Float64, least: float = SENSOR_LIMIT) -> Float64: ...
-
-
-def log_odds(probability: float | Float64, least: float = SENSOR_LIMIT) -> float | Float64:
+def log_odds(probability: float | Float64, least: float = SENSOR_LIMIT) -> Any:
     """Logarithm of the odds of probabilities, which count as `least` at least and 1 - `least` at most; NaN stays."""
     p = np.clip(probability, least, 1 - least)
-    return np.log(p / (1 - p))  # type: ignore[no-any-return]
+    return np.log(p / (1 - p))
 
 
 def probability_of(odds: Float64) -> Float64:
@@ -63,16 +55,11 @@ class AgreementParams(CheckedParams, prefix="fusion.agreement"):
 
     camera: float = bounded(0.8, 0, 1)
     """Share of the objects in view that a camera is expected to see before anything is known."""
-    lidar: float = bounded(0.9, 0, 1)
-    """The same of LiDAR."""
-    radar: float = bounded(0.4, 0, 1)
-    """The same of radar, which sees what moves."""
-    weight: float = bounded(4.0, 0.01, 1e6)
-    """So many objects make what was seen weigh as much as the expectation."""
-    frames: float = bounded(30.0, 0.1, 1e6)
-    """After so many frames what was seen counts 1/e."""
-    band_m: float = bounded(15.0, 0.1, 1000)
-    """Width of the bands of distance [m]; the fourth has no end."""
+    lidar: float = bounded(0.9, 0, 1)  # The same of LiDAR.
+    radar: float = bounded(0.4, 0, 1)  # The same of radar, which sees what moves.
+    weight: float = bounded(4.0, 0.01, 1e6)  # So many objects make what was seen weigh as much as the expectation.
+    frames: float = bounded(30.0, 0.1, 1e6)  # After so many frames what was seen counts 1/e.
+    band_m: float = bounded(15.0, 0.1, 1000)  # Width of the bands of distance [m]; the fourth has no end.
 
 
 class SensorReliability:

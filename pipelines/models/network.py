@@ -103,9 +103,8 @@ class Neck(nn.Module):
 
 
 class Head(nn.Module):
-    """Of every cell of a level the scores of all classes, and how far the box's four sides are.
-
-    Each level has its own: the statistics that normalization keeps differ between them.
+    """Of every cell of a level the scores of all classes, and how far the box's four sides are. Each level has its own:
+    the statistics that normalization keeps differ between them.
     """
 
     def __init__(self, num_classes: int) -> None:
@@ -190,13 +189,9 @@ def export(network: CityDetector, path: Path) -> None:
         )  # fmt: skip
     model = onnx.load(str(part))
     said = {"names": repr(dict(enumerate(CLASSES))), **{name: str(value) for name, value in THRESHOLDS.items()}}
-    _tell_shape(model.graph.output[0], ("batch", 4 + len(CLASSES), cells(*INPUT_WH).shape[1]))
+    # The exporter forgot the shape, by which readers tell families of models apart.
+    port, shape = model.graph.output[0], ["batch", 4 + len(CLASSES), cells(*INPUT_WH).shape[1]]
+    port.CopyFrom(onnx.helper.make_tensor_value_info(port.name, onnx.TensorProto.FLOAT, shape))
     onnx.helper.set_model_props(model, {"description": "fbench's detector for its simulated city", **said})
     onnx.save(model, str(part))
     part.replace(path)
-
-
-def _tell_shape(port: onnx.ValueInfoProto, shape: tuple[str | int, ...]) -> None:
-    """Say what the exporter forgot: readers tell families of models apart by it."""
-    told = onnx.helper.make_tensor_value_info(port.name, onnx.TensorProto.FLOAT, list(shape))
-    port.CopyFrom(told)

@@ -1,15 +1,19 @@
-"""Images with what is true of them, from logs, and the settings of a training."""
+"""Images and truth of a training, and the inputs of each step: a function of the settings and the step alone."""
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
+from fbench.pipelines.sensors.camera.layouts import PAD_VALUE
+from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image
 from fbench.replay.logs.open import open_log
 
@@ -23,25 +27,18 @@ class TrainingSettings:
     """Parameters of a training."""
 
     seed: int = 1
-    steps: int = 8000
-    """Batches; every `whole_every`-th is one of whole images."""
-    crops: int = 12
-    """Crops in a batch."""
-    crop_wh: tuple[int, int] = (320, 256)
-    """Size of a crop [px of the network's input]."""
-    wholes: int = 3
-    """Whole images in a batch."""
+    steps: int = 8000  # Batches; every `whole_every`-th is one of whole images.
+    crops: int = 12  # Crops in a batch.
+    crop_wh: tuple[int, int] = (320, 256)  # Size of a crop [px of the network's input].
+    wholes: int = 3  # Whole images in a batch.
     whole_every: int = 5
     zoom: tuple[float, float] = (0.55, 1.4)
     """Range of the scale of a crop, times the scale of a whole image in the network's input; drawn evenly in log."""
     learning_rate: float = 4.0e-3
-    warm_up: int = 150
-    """Steps over which the learning rate rises."""
+    warm_up: int = 150  # Steps over which the learning rate rises.
     weight_decay: float = 0.02
-    average: float = 0.9985
-    """How much of the averaged weights each step keeps; these are the ones that are exported."""
-    checkpoint_every: int = 100
-    """Steps."""
+    average: float = 0.9985  # How much of the averaged weights each step keeps; these are the ones that are exported.
+    checkpoint_every: int = 100  # Steps.
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +53,7 @@ class Sample:
     @property
     def is_ignored(self) -> Bool:
         """(N,)."""
-        ignored: Bool = self.class_id < 0
-        return ignored
+        return self.class_id < 0
 
 
 def samples(logs: Sequence[Path]) -> list[Sample]:
@@ -80,16 +76,136 @@ def _of_log(path: Path) -> Iterator[Sample]:
     labeled = {str(camera) for boxes in truths.values() for camera in boxes.camera}
     for message in log.messages():
         if isinstance(message, Image) and message.sensor in labeled and message.stamp_ns in truths:
-            yield _sample(f"{log.info.name} {log.info.log_id}", message, truths[message.stamp_ns])
+            truth = truths[message.stamp_ns]
+            ids = np.full(len(truth), -1)
+            if truth.label is not None:
+                for index, label in enumerate(CLASSES):
+                    ids[truth.label == label] = index
+            if truth.ignore is not None:
+                ids[truth.ignore] = -1
+            mine = truth.camera == message.sensor
+            name = f"{log.info.name} {log.info.log_id} {message.sensor} {message.stamp_ns}"
+            yield Sample(name, message, truth.xyxy_px[mine] + 0.5, ids[mine].astype(np.int64))
 
 
-def _sample(log: str, image: Image, truth: Boxes2D) -> Sample:
-    mine = truth.camera == image.sensor
-    ids = np.full(len(truth), -1)
-    if truth.label is not None:
-        for index, label in enumerate(CLASSES):
-            ids[truth.label == label] = index
-    if truth.ignore is not None:
-        ids[truth.ignore] = -1
-    name = f"{log} {image.sensor} {image.stamp_ns}"
-    return Sample(name, image, truth.xyxy_px[mine] + 0.5, ids[mine].astype(np.int64))
+_KEPT = 0.35  # Boxes of which less than this share is in the view are ignored
+_NEAR_OBJECT = 0.8  # Share of crops that are laid around an object
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """An input of the network and what is in it."""
+
+    pixels: Pixels  # (H, W, 3) RGB
+    xyxy: Float64  # (N, 4) [px]
+    class_id: Int64  # (N,); -1 is ignored
+
+
+def crop(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], scale: float, draw: np.random.Generator) -> View:
+    """Cut a window of `size_wh` out of an image (H, W, 3) BGR scaled by `scale`, mostly around an object."""
+    height, width = pixels.shape[:2]
+    wanted = np.array(size_wh) / scale
+    objects = sample.xyxy[~sample.is_ignored]
+    if len(objects) and draw.random() < _NEAR_OBJECT:
+        one = objects[draw.integers(len(objects))]
+        center = np.asarray((one[:2] + one[2:]) / 2)
+    else:
+        center = np.asarray(draw.uniform(0, 1, 2) * np.array((width, height)))
+    center = center + draw.uniform(-0.35, 0.35, 2) * wanted
+    room = np.array([width, height]) - wanted
+    corner = np.where(room > 0, np.clip(center - wanted / 2, 0, np.maximum(room, 0)), room * draw.uniform(0, 1, 2))
+    return _view(sample, pixels, corner, scale, size_wh, draw)
+
+
+def whole(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], draw: np.random.Generator) -> View:
+    """Fit the whole image (H, W, 3) BGR into `size_wh`."""
+    height, width = pixels.shape[:2]
+    scale = min(size_wh[0] / width, size_wh[1] / height)
+    corner = (np.array([width, height]) - np.array(size_wh) / scale) / 2
+    return _view(sample, pixels, corner, scale, size_wh, draw)
+
+
+def _view(
+    sample: Sample, pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int], draw: np.random.Generator
+) -> View:
+    shown = _scale(pixels, corner, scale, size_wh)
+    xyxy = (sample.xyxy - np.tile(corner, 2)) * scale
+    if draw.random() < 0.5:
+        shown = shown[:, ::-1]
+        xyxy = np.stack([size_wh[0] - xyxy[:, 2], xyxy[:, 1], size_wh[0] - xyxy[:, 0], xyxy[:, 3]], axis=1)
+    inside = np.clip(xyxy, 0, np.tile(np.array(size_wh, np.float64), 2))
+    kept = _area(inside) >= _KEPT * _area(xyxy)
+    there = _area(inside) > 0
+    ids = np.where(kept, sample.class_id, -1)
+    return View(_in_other_light(shown[..., ::-1], draw), inside[there], ids[there])
+
+
+def _scale(pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int]) -> Pixels:
+    """Shrink first by areas, as the finished detector does, then cut; grey beyond the image."""
+    height, width = pixels.shape[:2]
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    left, top = np.clip(np.floor(corner), 0, None).astype(int).tolist()
+    right, bottom = np.minimum(np.ceil(corner + np.array(size_wh) / scale), (width, height)).astype(int).tolist()
+    part = pixels[top:bottom, left:right]
+    inner = (max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale)))
+    small = cv2.resize(part, inner, interpolation=how)
+    canvas = np.full((size_wh[1], size_wh[0], 3), PAD_VALUE, np.uint8)
+    x, y = round((left - float(corner[0])) * scale), round((top - float(corner[1])) * scale)
+    sx, sy, dx, dy = max(0, -x), max(0, -y), max(0, x), max(0, y)
+    w, h = min(inner[0] - sx, size_wh[0] - dx), min(inner[1] - sy, size_wh[1] - dy)
+    canvas[dy : dy + h, dx : dx + w] = small[sy : sy + h, sx : sx + w]
+    return canvas
+
+
+def _in_other_light(rgb: Pixels, draw: np.random.Generator) -> Pixels:
+    """Change brightness, contrast, gamma and color a little, and add noise to some."""
+    gain, gamma = draw.uniform(0.75, 1.3), draw.uniform(0.8, 1.25)
+    tint, color = draw.uniform(0.93, 1.07, 3), draw.uniform(0.6, 1.4)
+    table = np.clip((np.arange(256) / 255.0) ** gamma * gain * 255.0, 0, 255)
+    towards_grey = color * np.eye(3) + (1 - color) / 3
+    values = cv2.transform(cv2.LUT(rgb, table.astype(np.float32)), tint[:, None] * towards_grey)
+    if draw.random() < 0.3:
+        values += np.float32(draw.uniform(1, 6)) * draw.standard_normal(values.shape, np.float32)
+    return np.clip(values, 0, 255, out=values).astype(np.uint8)
+
+
+def _area(xyxy: Float64) -> Float64:
+    sides = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 0)
+    return sides[:, 0] * sides[:, 1]
+
+
+@dataclass(frozen=True)
+class Batcher:
+    """Draws which images a step sees, and how."""
+
+    samples: Sequence[Sample]
+    settings: TrainingSettings
+
+    def batches(self, first: int, last: int) -> Iterator[list[View]]:
+        """Yield the batches of steps `first` to before `last`; the next one is made while one is in use."""
+        with ThreadPoolExecutor(1, "fbench-views") as pool:
+            waiting = pool.submit(self.batch, first)
+            for step in range(first, last):
+                views = waiting.result()
+                if step + 1 < last:
+                    waiting = pool.submit(self.batch, step + 1)
+                yield views
+
+    def batch(self, step: int) -> list[View]:
+        """Views of one step."""
+        is_whole = step % self.settings.whole_every == 0
+        num = self.settings.wholes if is_whole else self.settings.crops
+        chosen = generator(self.settings.seed, "samples", step).choice(len(self.samples), num)
+        return [self._view(int(index), step, place, is_whole) for place, index in enumerate(chosen)]
+
+    def _view(self, index: int, step: int, place: int, is_whole: bool) -> View:
+        sample, draw = self.samples[index], generator(self.settings.seed, "view", step, place)
+        pixels = decode(sample.image)
+        if pixels is None:
+            raise LogError(f"{sample.name}: the image can't be decoded")
+        if is_whole:
+            return whole(sample, pixels, INPUT_WH, draw)
+        low, high = np.log(self.settings.zoom)
+        height, width = pixels.shape[:2]
+        scale = min(INPUT_WH[0] / width, INPUT_WH[1] / height) * float(np.exp(draw.uniform(low, high)))
+        return crop(sample, pixels, self.settings.crop_wh, scale, draw)

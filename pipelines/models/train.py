@@ -13,9 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from fbench.pipelines.models.batches import Batcher, View
 from fbench.pipelines.models.network import CityDetector, cell_strides, cells
-from fbench.pipelines.models.samples import CLASSES, Sample, TrainingSettings
+from fbench.pipelines.models.samples import CLASSES, Batcher, Sample, TrainingSettings, View
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array
 
@@ -44,28 +43,20 @@ class Targets:
 
 
 def assign(points: Tensor, strides: Tensor, truths: Truths) -> Targets:
-    """Give each object the cells around its middle, and a cell of several objects the smallest.
-
-    Args:
-        points: (2, N) middles of the cells [px].
-        strides: (N,) [px].
-        truths: Of a batch.
+    """Give each object of a batch the cells around its middle, and a cell of several objects the smallest. Takes the
+    middles (2, N) [px] and strides (N,) [px] of the cells.
     """
     sides = truths.xyxy[..., 2:] - truths.xyxy[..., :2]
-    chosen = _near_middle(truths.xyxy, points, strides) & _fits(sides.amax(-1), strides)
+    # Cells near the middle of a box and in it, or those around it where it is small.
+    off = points - ((truths.xyxy[..., :2] + truths.xyxy[..., 2:]) / 2)[..., None]
+    far = off.abs().amax(2) / strides
+    chosen = (far < _RADIUS) & (_within(truths.xyxy, points) | (far <= 0.5)) & _fits(sides.amax(-1), strides)
     chosen &= (truths.class_id >= 0)[:, :, None]
     area = torch.where(chosen, sides.prod(-1)[:, :, None], torch.inf)
     owner, is_object = area.argmin(1), chosen.any(1)
     xyxy = truths.xyxy.gather(1, owner[:, :, None].expand(-1, -1, 4))
     ignored = _within(truths.ignored_xyxy, points).any(1)
     return Targets(xyxy, truths.class_id.gather(1, owner), is_object, is_object | ~ignored)
-
-
-def _near_middle(xyxy: Tensor, points: Tensor, strides: Tensor) -> Tensor:
-    """Tell which cells are near the middle of which box and in it, or are those around it where it is small."""
-    off = points - ((xyxy[..., :2] + xyxy[..., 2:]) / 2)[..., None]
-    far = off.abs().amax(2) / strides
-    return (far < _RADIUS) & (_within(xyxy, points) | (far <= 0.5))
 
 
 def _fits(longest: Tensor, strides: Tensor) -> Tensor:
@@ -77,7 +68,6 @@ def _fits(longest: Tensor, strides: Tensor) -> Tensor:
 
 
 def _within(xyxy: Tensor, points: Tensor) -> Tensor:
-    """Tell which points (2, N) lie in which boxes (B, G, 4): (B, G, N)."""
     x, y = points[0], points[1]
     left, top, right, bottom = (xyxy[..., i, None] for i in range(4))
     return (x > left) & (x < right) & (y > top) & (y < bottom)
@@ -89,33 +79,20 @@ _MISS, _ALARM = 2.0, 0.75  # How much scores of cells with an object, and of oth
 
 def loss(logits: Tensor, boxes: Tensor, targets: Targets) -> Tensor:
     """Return the loss of a batch: scores should tell how well the box fits (varifocal loss, Zhang et al., CVPR 2021),
-    boxes should fit (GIoU, Rezatofighi et al., CVPR 2019).
-
-    Args:
-        logits: (B, C, N).
-        boxes: (B, 4, N) [px].
-        targets: What they should have been.
+    boxes should fit (GIoU, Rezatofighi et al., CVPR 2019). Takes logits (B, C, N) and boxes (B, 4, N) [px].
     """
     found, wanted = boxes.transpose(1, 2)[targets.is_object], targets.xyxy[targets.is_object]
     fit = giou(found, wanted)
     total = max(1, len(fit))
-    of_scores = _varifocal(logits, _wanted_scores(logits, targets, fit.detach().clamp(0, 1)), targets.counts)
-    return of_scores / total + _BOX_WEIGHT * (1 - fit).sum() / total
-
-
-def _wanted_scores(logits: Tensor, targets: Targets, fit: Tensor) -> Tensor:
-    """How well the box of each cell fits, under the class of its object; 0 elsewhere: (B, C, N)."""
-    wanted = torch.zeros_like(logits)
+    # How well the box of each cell fits, under the class of its object; 0 elsewhere: (B, C, N).
+    scores = torch.zeros_like(logits)
     image, cell = targets.is_object.nonzero(as_tuple=True)
-    wanted[image, targets.class_id[targets.is_object], cell] = fit
-    return wanted
-
-
-def _varifocal(logits: Tensor, wanted: Tensor, counts: Tensor) -> Tensor:
-    """Sum over all scores; those of empty cells weigh by how high they are."""
-    weight = torch.where(wanted > 0, _MISS * wanted, _ALARM * logits.detach().sigmoid().square())
-    each = functional.binary_cross_entropy_with_logits(logits, wanted, weight, reduction="none")
-    return (each * counts[:, None]).sum()
+    scores[image, targets.class_id[targets.is_object], cell] = fit.detach().clamp(0, 1)
+    # Scores of empty cells weigh by how high they are.
+    weight = torch.where(scores > 0, _MISS * scores, _ALARM * logits.detach().sigmoid().square())
+    each = functional.binary_cross_entropy_with_logits(logits, scores, weight, reduction="none")
+    of_scores = (each * targets.counts[:, None]).sum()
+    return of_scores / total + _BOX_WEIGHT * (1 - fit).sum() / total
 
 
 def giou(a: Tensor, b: Tensor) -> Tensor:
@@ -142,7 +119,13 @@ class Training:
         torch.manual_seed(self.settings.seed)
         self.network = CityDetector(len(CLASSES)).to(self.device, memory_format=torch.channels_last)
         self.averaged = copy.deepcopy(self.network).eval()
-        self._optimizer = torch.optim.AdamW(_groups(self.network, self.settings), lr=self.settings.learning_rate)
+        weights = [p for p in self.network.parameters() if p.ndim > 1]  # they decay, biases and scales don't
+        others = [p for p in self.network.parameters() if p.ndim <= 1]
+        groups = [
+            {"params": weights, "weight_decay": self.settings.weight_decay},
+            {"params": others, "weight_decay": 0.0},
+        ]
+        self._optimizer = torch.optim.AdamW(groups, lr=self.settings.learning_rate)
         self.step = 0
 
     def run(self, checkpoint: Path, report: Report) -> CityDetector:
@@ -171,12 +154,9 @@ class Training:
         value.backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), 10.0)
         self._optimizer.step()
-        _average(self.averaged, self.network, self._keep())
+        # Less is averaged at the beginning, when weights are far from where they will be.
+        _average(self.averaged, self.network, self.settings.average * (1 - math.exp(-(self.step + 1) / 300)))
         return float(value.detach())
-
-    def _keep(self) -> float:
-        """Average less at the beginning, when weights are far from where they will be."""
-        return self.settings.average * (1 - math.exp(-(self.step + 1) / 300))
 
     def _save(self, checkpoint: Path) -> None:
         part = checkpoint.with_suffix(".part")
@@ -210,15 +190,6 @@ def _load(checkpoint: Path, device: str) -> dict[str, Any]:
     return state
 
 
-def _groups(network: nn.Module, settings: TrainingSettings) -> list[dict[str, Any]]:
-    """Weights decay, biases and scales don't."""
-    named = list(network.named_parameters())
-    return [
-        {"params": [p for _, p in named if p.ndim > 1], "weight_decay": settings.weight_decay},
-        {"params": [p for _, p in named if p.ndim <= 1], "weight_decay": 0.0},
-    ]
-
-
 def _rate(step: int, settings: TrainingSettings) -> float:
     """Return the learning rate: it rises, then falls as a cosine to a fiftieth."""
     if step < settings.warm_up:
@@ -238,7 +209,6 @@ def _tensors(views: Sequence[View], device: str) -> tuple[Tensor, Truths]:
 
 
 def _pad(rows: Sequence[Array], value: float) -> Tensor:
-    """Stack arrays (N, M) of different lengths, at least one row each."""
     most = max(1, *(len(part) for part in rows))
     filled = [np.pad(part, ((0, most - len(part)), (0, 0)), constant_values=value) for part in rows]
     return torch.from_numpy(np.stack(filled).astype(np.float32))

@@ -20,7 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from http.client import HTTPMessage
 from pathlib import Path
-from typing import IO, Any, BinaryIO, Literal, TypeAlias
+from typing import IO, Any, Literal, TypeAlias
 from urllib.parse import urljoin, urlsplit
 
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
@@ -33,10 +33,9 @@ _DEIMV2 = (
     "https://raw.githubusercontent.com/Kazuhito00/DEIMv2-ONNX-Sample/f88d4382abca74edb26ed4c7f46190ac40da0ea5/model"
 )
 # GitHub sends who asks for a file of a release to one of these.
-_GITHUB = (
-    "https://github.com",
-    "https://release-assets.githubusercontent.com",
-    "https://objects.githubusercontent.com",
+_GITHUB = tuple(
+    f"https://{host}"
+    for host in ("github.com", "release-assets.githubusercontent.com", "objects.githubusercontent.com")
 )
 _RAW = ("https://raw.githubusercontent.com",)
 
@@ -63,35 +62,34 @@ class Entry:
         return self.url.rpartition("/")[2]
 
 
-def _yolox(name: str, ap: float, side_px: int, num_bytes: int, sha256: str) -> Entry:
-    url = f"{_YOLOX}/yolox_{name.lower()}.onnx"
-    return Entry(
-        f"yolox-{name.lower()}", f"YOLOX-{name}", "Megvii", "Apache-2.0", ap, (side_px, side_px), _YOLOX_PAGE,
-        url, _GITHUB, num_bytes, sha256,
-    )  # fmt: skip
-
-
-def _deimv2(name: str, ap: float, side_px: int, num_bytes: int, sha256: str) -> Entry:
-    url = f"{_DEIMV2}/deimv2_hgnetv2_{name.lower()}_coco.onnx"
-    return Entry(
-        f"deimv2-{name.lower()}", f"DEIMv2-{name}", "Intellindust AI Lab, exported by Kazuhito00", "Apache-2.0", ap,
-        (side_px, side_px), _DEIMV2_PAGE, url, _RAW, num_bytes, sha256,
-    )  # fmt: skip
+def _entry(name: str, ap: float, side_px: int, num_bytes: int, sha256: str) -> Entry:
+    family, size = name.split("-")
+    by, page, url, origins = {
+        "YOLOX": ("Megvii", _YOLOX_PAGE, f"{_YOLOX}/yolox_{size.lower()}.onnx", _GITHUB),
+        "DEIMv2": (
+            "Intellindust AI Lab, exported by Kazuhito00",
+            _DEIMV2_PAGE,
+            f"{_DEIMV2}/deimv2_hgnetv2_{size.lower()}_coco.onnx",
+            _RAW,
+        ),
+    }[family]
+    sides = side_px, side_px
+    return Entry(name.lower(), name, by, "Apache-2.0", ap, sides, page, url, origins, num_bytes, sha256)
 
 
 CATALOGUE = (
-    _deimv2("Atto", 23.8, 320, 2_248_408, "b114aa6610ac7c2bd9b3186ffb001afa872430db957407ef2473f7148d00646e"),
-    _deimv2("Femto", 31.0, 416, 4_116_144, "c6ad358f750132b891165e034c2ba507abefc5ebe1c1d2732a0acbcacc47e52c"),
-    _yolox("Nano", 25.8, 416, 3_659_407, "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d"),
-    _yolox("Tiny", 32.8, 416, 20_219_662, "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7"),
-    _yolox("S", 40.5, 640, 35_858_002, "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063"),
-    _yolox("M", 47.2, 640, 101_259_744, "21ff6cfdeb53b013bac2249599e55f00bff3cfdfdab37ed7a4620818c1d15b3f"),
-    _yolox("L", 50.1, 640, 216_746_733, "7860ae79de6c89a3c1eb72ae9a2756c0ccfbe04b7791bb5880afabd97855a411"),
-    _yolox("X", 51.5, 640, 396_142_663, "c892d7aaf1c4746d8a4d675bec669a4db4f434b4ee1efb654bc9b353379c7c55"),
+    _entry("DEIMv2-Atto", 23.8, 320, 2_248_408, "b114aa6610ac7c2bd9b3186ffb001afa872430db957407ef2473f7148d00646e"),
+    _entry("DEIMv2-Femto", 31.0, 416, 4_116_144, "c6ad358f750132b891165e034c2ba507abefc5ebe1c1d2732a0acbcacc47e52c"),
+    _entry("YOLOX-Nano", 25.8, 416, 3_659_407, "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d"),
+    _entry("YOLOX-Tiny", 32.8, 416, 20_219_662, "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7"),
+    _entry("YOLOX-S", 40.5, 640, 35_858_002, "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063"),
+    _entry("YOLOX-M", 47.2, 640, 101_259_744, "21ff6cfdeb53b013bac2249599e55f00bff3cfdfdab37ed7a4620818c1d15b3f"),
+    _entry("YOLOX-L", 50.1, 640, 216_746_733, "7860ae79de6c89a3c1eb72ae9a2756c0ccfbe04b7791bb5880afabd97855a411"),
+    _entry("YOLOX-X", 51.5, 640, 396_142_663, "c892d7aaf1c4746d8a4d675bec669a4db4f434b4ee1efb654bc9b353379c7c55"),
 )
 
 
-def entry_named(name: str, catalogue: Sequence[Entry] = CATALOGUE) -> Entry:
+def find_entry(name: str, catalogue: Sequence[Entry] = CATALOGUE) -> Entry:
     """Return the entry of a name. Raises ConfigError for an unknown name, with the nearest one."""
     for entry in catalogue:
         if entry.name == name:
@@ -104,9 +102,7 @@ BLOCK_BYTES = 1 << 20
 
 
 def weights_folder() -> Path:
-    """Return where weights are kept: `weights` in fbench's cache. Raises ConfigError where the user has no home folder,
-    and `FBENCH_CACHE` names no other.
-    """
+    """Folder `weights` in fbench's cache. Raises ConfigError without a home folder or another in `FBENCH_CACHE`."""
     try:
         return fbench_cache() / "weights"
     except RuntimeError as error:
@@ -143,8 +139,22 @@ def store(entry: Entry, blocks: Iterable[bytes], source: str, target: Path) -> N
     partial = target.with_name(f".{target.name}.partial-{os.getpid()}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
+        digest, num_bytes = hashlib.sha256(), 0
         with partial.open("wb") as out:
-            _copy(entry, blocks, source, out)
+            for block in blocks:
+                num_bytes += len(block)
+                if num_bytes > entry.num_bytes:
+                    raise ModelError(f"{source}: longer than the {entry.num_bytes} bytes of {entry.name}, not taken")
+                digest.update(block)
+                out.write(block)
+        if num_bytes < entry.num_bytes:
+            raise ModelError(
+                f"{source}: ends after {num_bytes} of the {entry.num_bytes} bytes of {entry.name}, fetch it again"
+            )
+        if (found := digest.hexdigest()) != entry.sha256:
+            raise ModelError(
+                f"{source}: isn't {entry.name} as published, not taken (sha256 {found}, expected {entry.sha256})"
+            )
         partial.replace(target)
     except OSError as error:
         raise ModelError(
@@ -154,25 +164,6 @@ def store(entry: Entry, blocks: Iterable[bytes], source: str, target: Path) -> N
     finally:
         with suppress(OSError):  # where the folder can't be written, nothing is there
             partial.unlink(missing_ok=True)
-
-
-def _copy(entry: Entry, blocks: Iterable[bytes], source: str, out: BinaryIO) -> None:
-    digest, num_bytes = hashlib.sha256(), 0
-    for block in blocks:
-        num_bytes += len(block)
-        if num_bytes > entry.num_bytes:
-            raise ModelError(f"{source}: longer than the {entry.num_bytes} bytes of {entry.name}, not taken")
-        digest.update(block)
-        out.write(block)
-    if num_bytes < entry.num_bytes:
-        raise ModelError(
-            f"{source}: ends after {num_bytes} of the {entry.num_bytes} bytes of {entry.name}, fetch it again"
-        )
-    if digest.hexdigest() != entry.sha256:
-        raise ModelError(
-            f"{source}: isn't {entry.name} as published, not taken (sha256 {digest.hexdigest()}, "
-            f"expected {entry.sha256})"
-        )
 
 
 Weights: TypeAlias = Literal["auto"] | Path | None
@@ -191,7 +182,7 @@ def resolve(weights: Weights, catalogue: Sequence[Entry] = CATALOGUE) -> Weights
         return weights
     if os.path.isdir(weights) and all(entry.name != weights.name for entry in catalogue):
         raise ConfigError(f"weights '{weights}': a folder; name an ONNX file")
-    entry = entry_named(weights.name, catalogue)
+    entry = find_entry(weights.name, catalogue)
     path = weights_folder() / entry.file_name
     found = state(entry, path)
     if found == "absent":
@@ -203,29 +194,21 @@ def resolve(weights: Weights, catalogue: Sequence[Entry] = CATALOGUE) -> Weights
 
 def resolve_settings(settings: Sequence[str], catalogue: Sequence[Entry] = CATALOGUE) -> tuple[str, ...]:
     """Return settings `SENSOR.NAME=VALUE` with files in place of names, where they set weights; see `resolve`."""
-    return tuple(_resolve(setting, catalogue) for setting in settings)
-
-
-def _resolve(setting: str, catalogue: Sequence[Entry]) -> str:
-    path, _, text = setting.partition("=")
-    if not path.endswith(_PARAMETER) or text in (AUTO, "none"):
-        return setting
-    return f"{path}={resolve(expand_user(text), catalogue)}"
+    result = []
+    for setting in settings:
+        path, _, text = setting.partition("=")
+        is_file_wanted = path.endswith(_PARAMETER) and text not in (AUTO, "none")
+        result.append(f"{path}={resolve(expand_user(text), catalogue)}" if is_file_wanted else setting)
+    return tuple(result)
 
 
 TIMEOUT_S = 30.0
 
 
-def downloaded(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iterator[bytes]:
-    """Yield the content of an entry's address as it comes in; proxies are taken from the environment.
-
-    Args:
-        entry: What to fetch.
-        target: Where the file belongs; errors say so to who must fetch it by hand.
-        timeout_s: Longest wait for an answer, or for the next bytes.
-
-    Raises:
-        ModelError: where the address can't be reached, or leads where the entry doesn't allow.
+def download(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iterator[bytes]:
+    """Yield the content of an entry's address as it comes in; proxies are taken from the environment. Raises ModelError
+    where the address can't be reached, or leads where the entry doesn't allow; it says that the file belongs at
+    `target`. `timeout_s` is the longest wait [s] for an answer, or for the next bytes.
     """
     opener = urllib.request.build_opener(_Redirects(entry))
     request = urllib.request.Request(entry.url, headers={"User-Agent": "fbench"})  # noqa: S310 from the catalogue
@@ -235,16 +218,14 @@ def downloaded(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iter
                 yield block
     except urllib.error.HTTPError as error:
         error.close()
-        raise _failed(entry, target, f"the server says {error.code} {error.reason}") from error
+        raise _fetch_error(entry, target, f"the server says {error.code} {error.reason}") from error
     except (OSError, http.client.HTTPException) as error:
-        raise _failed(entry, target, _reason(error, timeout_s)) from error
+        raise _fetch_error(entry, target, _reason(error, timeout_s)) from error
     except ValueError as error:  # what urllib makes of `https_proxy=http:/host`
-        raise _failed(entry, target, "the environment names a proxy whose address is broken") from error
+        raise _fetch_error(entry, target, "the environment names a proxy whose address is broken") from error
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
-    """Follows only to the origins of an entry."""
-
     def __init__(self, entry: Entry) -> None:
         self._entry = entry
 
@@ -269,7 +250,7 @@ def origin(url: str, base: str = "") -> str:
     return f"{parts.scheme}://{parts.netloc.lower()}"
 
 
-def _failed(entry: Entry, target: Path, reason: str) -> ModelError:
+def _fetch_error(entry: Entry, target: Path, reason: str) -> ModelError:
     return ModelError(
         f"{entry.url}: can't be fetched ({reason}); fetch it in another way and put it at {target}, "
         f"or give it to: fbench weights get {entry.name} --from FILE"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError, LogError
-from fbench.replay.contracts.params import require_between
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.contracts.protocols import BoxReader
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
@@ -28,23 +28,17 @@ _PERIODS = 9
 
 @dataclass(eq=False)
 class _Held:
-    """A result that was read."""
-
     truth: Truth
     stamp_ns: int
     is_done: bool = False  # Whether a frame took it, or it was counted as one that none took
 
 
-class Alongside:
+class ResultFinder:
     """Gives each result to at most one frame: the nearest one.
 
     Which frame comes next isn't known yet. So what lies behind a frame counts as its own up to half of the median
-    period of the frames before it.
-
-    Args:
-        results: In the order in which they were recorded.
-        tolerance_ns: How far stamps of a frame and its result may differ.
-        offset_ns: What results' stamps are ahead of those of their frames.
+    period of the frames before it. Results come in the order in which they were recorded. Their stamps may differ from
+    those of their frames by `tolerance_ns` [ns], and are ahead of them by `offset_ns` [ns].
     """
 
     def __init__(self, results: Iterator[Truth], tolerance_ns: int, offset_ns: int) -> None:
@@ -68,19 +62,25 @@ class Alongside:
         """Return the frame's result, and how many since the frame before it belong to none."""
         self._read(frame)
         before, reach_before_ns = self._before, self._reach_ns
-        self._note(frame)
-        fitting = [h for h in self._held if not h.is_done and self._fits(h, frame, before, reach_before_ns)]
-        best = min(fitting, key=lambda held: _distance(held, frame), default=None)
-        result = None if best is None else self._whole(best, fitting)
-        return result, 0 if before is None else self._count_passed(before, frame)
-
-    def _note(self, frame: Frame) -> None:
-        """Take a frame's stamp, and say how far behind it results count as its own."""
-        if self._before is not None:
-            self._periods.append(frame.stamp_ns - self._before.stamp_ns)
+        if before is not None:
+            self._periods.append(frame.stamp_ns - before.stamp_ns)
         periods = sorted(self._periods)
         half = periods[(len(periods) - 1) // 2] // 2 if periods else self._tolerance_ns
         self._before, self._reach_ns = frame, min(self._tolerance_ns, half)
+        fitting = [h for h in self._held if not h.is_done and self._fits(h, frame, before, reach_before_ns)]
+        result = None
+        if (best := min(fitting, key=lambda held: _distance(held, frame), default=None)) is not None:
+            best.is_done, result = True, best.truth
+            # What complements it at the same instant is joined: boxes of several cameras.
+            for held in fitting:
+                same = (held.stamp_ns, held.truth.frame_index) == (best.stamp_ns, best.truth.frame_index)
+                both = join_truths(result, held.truth) if same and held is not best else None
+                if both is not None:
+                    held.is_done, result = True, both
+        passed = [h for h in self._held if before is not None and not h.is_done and _is_between(h, before, frame)]
+        for held in passed:
+            held.is_done = True
+        return result, len(passed)
 
     def _fits(self, held: _Held, frame: Frame, before: Frame | None, reach_before_ns: int) -> bool:
         counted = _counted(held.truth, frame)
@@ -93,23 +93,6 @@ class Alongside:
             return True
         behind_last_ns = held.stamp_ns - before.stamp_ns
         return behind_last_ns > reach_before_ns or behind_last_ns > -behind_ns
-
-    @staticmethod
-    def _whole(best: _Held, fitting: list[_Held]) -> Truth:
-        """Join what complements the best one at the same instant: boxes of several cameras."""
-        best.is_done, whole = True, best.truth
-        for held in fitting:
-            same = (held.stamp_ns, held.truth.frame_index) == (best.stamp_ns, best.truth.frame_index)
-            both = join_truths(whole, held.truth) if same and held is not best else None
-            if both is not None:
-                held.is_done, whole = True, both
-        return whole
-
-    def _count_passed(self, before: Frame, frame: Frame) -> int:
-        passed = [h for h in self._held if not h.is_done and _is_between(h, before, frame)]
-        for held in passed:
-            held.is_done = True
-        return len(passed)
 
     def _read(self, frame: Frame) -> None:
         """Read until behind what the frame can take; after a jump back, first past what was recorded before it."""
@@ -142,9 +125,7 @@ def _distance(held: _Held, frame: Frame) -> tuple[int, int]:
 
 
 def _counted(truth: Truth, frame: Frame) -> tuple[int, int] | None:
-    """Number of a result that says of which frame it is, and that of a frame, both as the log counts or as fbench does;
-    `None` where stamps tell.
-    """
+    """Numbers of a result's frame and of a frame, both by the log's count or fbench's; `None` where stamps tell."""
     if truth.frame_index is None:
         return None
     if truth.frame_number is not None and frame.frame_number is not None:
@@ -159,17 +140,13 @@ def _is_between(held: _Held, before: Frame, frame: Frame) -> bool:
     return before.stamp_ns < held.stamp_ns < frame.stamp_ns
 
 
-_POSES_ALONGSIDE_LOOK_AHEAD_NS = 2_000_000_000
+_POSES_AHEAD_NS = 2_000_000_000
 """Poses are read so far behind a frame's arrival in search of the one that follows it."""
 
 
-class PosesAlongside:
+class PoseFinder:
     """Interpolates between the poses around a frame, as for truth, though the later one isn't there yet when the frame
-    is complete.
-
-    Args:
-        poses: In the order in which they were recorded.
-        name: The stream that counts.
+    is complete. Poses come in the order in which they were recorded; of their streams that with this name counts.
     """
 
     def __init__(self, poses: Iterator[Pose], name: str | None) -> None:
@@ -184,7 +161,7 @@ class PosesAlongside:
             self._take(self._next)
         self._found.open(index, frame.stamp_ns)
         while self._found.is_waiting:
-            if self._next is None or self._next.log_ns > arrived_ns + _POSES_ALONGSIDE_LOOK_AHEAD_NS:
+            if self._next is None or self._next.log_ns > arrived_ns + _POSES_AHEAD_NS:
                 self._found.finish()
             else:
                 self._take(self._next)
@@ -196,19 +173,14 @@ class PosesAlongside:
 
 
 @dataclass(frozen=True)
-class Which:
+class Which(CheckedParams):
     """Which results, and how they belong to frames: parameters of pipelines that take them."""
 
     topic: str = ""
     """Topic with the results; empty: the file that was named beside the log, else the only topic with results."""
-    tolerance_ms: float = 50.0
+    tolerance_ms: float = bounded(50.0, 0)
     """A result belongs to the nearest frame whose stamp differs by no more than this [ms]."""
-    offset_ms: float = 0.0
-    """What the results' stamps are ahead of those of their frames [ms]."""
-
-    def __post_init__(self) -> None:
-        require_between("tolerance_ms", self.tolerance_ms, 0.0)
-        require_between("offset_ms", self.offset_ms, -1e6)
+    offset_ms: float = bounded(0.0, -1e6)  # What the results' stamps are ahead of those of their frames [ms].
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,24 +196,19 @@ class Found:
 
 
 class RecordedBoxes:
-    """Finds the result of each frame.
-
-    Args:
-        pipeline: Who asks, for errors.
-        params: Which results, and how they belong to frames.
-    """
+    """Finds the result of each frame for a pipeline, whose name errors give."""
 
     def __init__(self, pipeline: str, params: Which) -> None:
         self._pipeline, self._params = pipeline, params
         self._name = params.topic or "results"
         self._log: BoxReader | None = None
-        self._alongside: Alongside | None = None
-        self._poses: PosesAlongside | None = None
+        self._finder: ResultFinder | None = None
+        self._poses: PoseFinder | None = None
         self.kind: type[Boxes] = Boxes3D
 
     def use_log(self, log: BoxReader) -> None:
         """Take the log whose results are meant."""
-        self._log, self._alongside = log, None
+        self._log, self._finder = log, None
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Find out whether boxes are in 3D or in images; a result that holds both counts in 3D. Raises LogError where
@@ -250,24 +217,23 @@ class RecordedBoxes:
         self._rig = rig
         if self._log is None:
             raise ConfigError(f"pipeline '{self._pipeline}' reads results from a log, and got none")
-        if self._alongside is None:
+        if self._finder is None:
             self.kind = self._first_kind(self._log, log_info)
             results = self._log.detections(self._params.topic)
-            to_ns = 1e6
-            tolerance_ns, offset_ns = round(self._params.tolerance_ms * to_ns), round(self._params.offset_ms * to_ns)
-            self._alongside = Alongside(results, tolerance_ns, offset_ns)
-            self._poses = PosesAlongside(self._log.body_poses(), min(self._log.poses, default=None))
+            tolerance_ns, offset_ns = (round(ms * 1e6) for ms in (self._params.tolerance_ms, self._params.offset_ms))
+            self._finder = ResultFinder(results, tolerance_ns, offset_ns)
+            self._poses = PoseFinder(self._log.body_poses(), min(self._log.poses, default=None))
 
     def enter(self) -> None:
         """Begin a segment."""
-        if self._alongside is not None:
-            self._alongside.enter()
+        if self._finder is not None:
+            self._finder.enter()
 
     def take(self, frame: Frame) -> Found:
         """Return what was recorded for the next frame."""
-        if self._alongside is None:
+        if self._finder is None:
             raise ConfigError(f"pipeline '{self._pipeline}' wasn't started")
-        result, num_passed = self._alongside.take(frame)
+        result, num_passed = self._finder.take(frame)
         world_T_body = None if self._poses is None else self._poses.world_T_body(frame)
         faults = (Fault("PRD003", f"{self._name} before frame {frame.index}"),) * num_passed
         if result is None:
@@ -276,12 +242,10 @@ class RecordedBoxes:
         boxes, missing = self._place(result, world_T_body)
         latency_ns = result.log_ns - frame.stamp_ns
         # What has the stamp itself for its time of recording wasn't recorded by a stack at work.
-        if boxes is None or result.log_ns <= 0 or result.log_ns == result.stamp_ns:
-            return Found(boxes, world_T_body, missing, faults)
-        if latency_ns < 0:
+        is_timed = boxes is not None and result.log_ns > 0 and result.log_ns != result.stamp_ns
+        if is_timed and latency_ns < 0:
             faults = (*faults, Fault("PRD004", f"{self._name}: {-latency_ns / 1e6:.3f} ms"))
-            return Found(boxes, world_T_body, missing, faults)
-        return Found(boxes, world_T_body, missing, faults, latency_ns)
+        return Found(boxes, world_T_body, missing, faults, latency_ns if is_timed and latency_ns >= 0 else None)
 
     def _first_kind(self, log: BoxReader, log_info: LogInfo) -> type[Boxes]:
         """Kind of the first boxes that there are; of results without any box the kind of the first one."""
@@ -304,7 +268,11 @@ class RecordedBoxes:
     def _place(self, result: Truth, world_T_body: Float64 | None) -> tuple[Boxes | None, dict[str, str]]:
         """Boxes in body coordinates or in images of the rig's cameras, and what is missing."""
         if self.kind is Boxes2D:
-            return self._seen(result.boxes2d)
+            if (boxes := result.boxes2d) is None:
+                return None, {self._name: "no boxes in images, as in other frames"}
+            known = np.isin(boxes.camera, sorted(self._rig.cameras))
+            others = sorted(set(boxes.camera[~known].tolist()))
+            return boxes[known], {f"{self._name} in {name}": "isn't among the cameras of the run" for name in others}
         if result.boxes3d is None:
             return None, {self._name: "no boxes in 3D, as in other frames"}
         if not result.in_world:
@@ -312,10 +280,3 @@ class RecordedBoxes:
         if world_T_body is None:
             return None, {self._name: "no pose that moves it from the world to the body"}
         return move_boxes(result.boxes3d, inverse(world_T_body)), {}
-
-    def _seen(self, boxes: Boxes2D | None) -> tuple[Boxes | None, dict[str, str]]:
-        if boxes is None:
-            return None, {self._name: "no boxes in images, as in other frames"}
-        known = np.isin(boxes.camera, sorted(self._rig.cameras))
-        others = sorted(set(boxes.camera[~known].tolist()))
-        return boxes[known], {f"{self._name} in {camera}": "isn't among the cameras of the run" for camera in others}

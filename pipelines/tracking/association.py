@@ -9,10 +9,8 @@ from fbench.replay.geometry.iou import flat_iou, iou_2d
 
 
 def associate(similarity: Float64, min_similarity: float) -> tuple[Int64, Int64]:
-    """Pair rows with columns of `similarity` (N, M) so that the sum is largest (Hungarian method).
-
-    Pairs below `min_similarity`, and those without any similarity, are never made. Returns rows and columns of the
-    pairs, by row.
+    """Pair rows with columns of `similarity` (N, M) so that the sum is largest (Hungarian method). Pairs below
+    `min_similarity`, and those without any similarity, are never made. Returns rows and columns of the pairs, by row.
     """
     allowed = similarity >= min_similarity if min_similarity > 0 else similarity > 0
     if np.count_nonzero(allowed) <= min(allowed.shape):
@@ -57,13 +55,7 @@ def mahalanobis_nearness(states: States, measured: Float64, measured_std: Float6
     """Similarity (T, M) by distance in standard deviations of what is expected, 0 from `gate` of them on.
 
     The squared distance is (z - H x)' (H P H' + R)^-1 (z - H x) (P. C. Mahalanobis, 1936), where components don't
-    influence each other.
-
-    Args:
-        states: T tracks, predicted.
-        measured: (M, m)
-        measured_std: (m,), or (M, m) for each measurement.
-        gate: In standard deviations.
+    influence each other. Takes predicted states, measurements (M, m) and their standard deviations (m,) or (M, m).
     """
     variance = np.broadcast_to(measured_std, measured.shape) ** 2
     apart = measured[None, :, :] - states.place[:, None, :]
@@ -71,9 +63,10 @@ def mahalanobis_nearness(states: States, measured: Float64, measured_std: Float6
     return nearness(np.sqrt(squared), np.full(len(states), gate))
 
 
-def footprint_iou(a: Float64, b: Float64) -> Float64:
-    """Overlap (N, M) seen from above of upright boxes (N, 7) and (M, 7): center, size, heading."""
-    return _flat_iou(a, b, solid=False)
+def footprint_iou(a: Float64, b: Float64, solid: bool = False) -> Float64:
+    """Overlap (N, M) of upright boxes (N, 7) and (M, 7), center, size, heading: seen from above, or in space."""
+    starts = np.array([0, len(a)], np.int64), np.array([0, len(b)], np.int64)  # all boxes are of one step
+    return flat_iou(a, b, *starts, solid=solid).reshape(len(a), len(b))
 
 
 def image_iou(a: Array, b: Array) -> Float64:
@@ -96,15 +89,9 @@ def giou_2d(a: Array, b: Array) -> Float64:
 
 
 def giou_3d(a: Float64, b: Float64) -> Float64:
-    """Generalized IoU (N, M) in space of upright boxes (N, 7) and (M, 7): center, size, heading; see `giou_2d`.
-
-    The hull is that of both footprints, from the lower bottom to the higher top; -1 where boxes aren't finite.
+    """Generalized IoU (N, M) in space of upright boxes (N, 7) and (M, 7): center, size, heading; see `giou_2d`. The
+    hull is that of both footprints, from the lower bottom to the higher top; -1 where boxes aren't finite.
     """
     from fbench.pipelines.tracking.kernels import generalize_iou  # numba takes a while to import
 
-    return generalize_iou(np.ascontiguousarray(a), np.ascontiguousarray(b), _flat_iou(a, b, solid=True))
-
-
-def _flat_iou(a: Float64, b: Float64, solid: bool) -> Float64:
-    starts = np.array([0, len(a)], np.int64), np.array([0, len(b)], np.int64)  # all boxes are of one step
-    return flat_iou(a, b, *starts, solid=solid).reshape(len(a), len(b))
+    return generalize_iou(np.ascontiguousarray(a), np.ascontiguousarray(b), footprint_iou(a, b, solid=True))

@@ -12,9 +12,7 @@ from fbench.replay.geometry.kernels import kernel
 def hull_areas(a: Float64, b: Float64) -> Float64:
     """Area (N, M) [m^2] of the convex hull of each pair of footprints, by A. M. Andrew's monotone chain (1979).
 
-    Args:
-        a: (N, 7) center x, y, z, length, width, height [m], heading [rad].
-        b: (M, 7)
+    Boxes (N, 7) and (M, 7) are center x, y, z, length, width, height [m], heading [rad].
     """
     areas = np.empty((len(a), len(b)))
     points, chain = np.empty((8, 2)), np.empty((17, 2))
@@ -31,10 +29,7 @@ def hull_areas(a: Float64, b: Float64) -> Float64:
 def generalize_iou(a: Float64, b: Float64, iou: Float64) -> Float64:
     """Generalized IoU (N, M) of upright boxes in space: IoU - 1 + union / hull; -1 where a hull isn't finite, or empty.
 
-    Args:
-        a: (N, 7) center x, y, z, length, width, height [m], heading [rad].
-        b: (M, 7)
-        iou: (N, M) in space, -inf where boxes can't be compared.
+    Takes boxes as `hull_areas` does, and their IoU (N, M) in space, -inf where they can't be compared.
     """
     result = hull_areas(a, b)
     for i in range(len(a)):
@@ -65,7 +60,6 @@ def _corners(box: Float64, origin: Float64, points: Float64, start: int) -> None
 
 @kernel
 def _sort(points: Float64) -> None:
-    """By x, then y."""
     for i in range(1, len(points)):
         x, y = points[i, 0], points[i, 1]
         k = i

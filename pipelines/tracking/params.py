@@ -16,8 +16,7 @@ class TrackerParams(CheckedParams, prefix="tracking"):
     """With `giou`: detections whose generalized overlap with a track's prediction is less don't belong to it; from -1
     (infinitely far) to 1 (equal).
     """
-    max_mahalanobis: float = bounded(4.0, MIN_STD)
-    """With `mahalanobis`: greatest distance in standard deviations."""
+    max_mahalanobis: float = bounded(4.0, MIN_STD)  # With `mahalanobis`: greatest distance in standard deviations.
     weak_score: float = bounded(-LIMIT, -LIMIT)
     """Detections with a lower score come last: they go to tracks that no other measured, and begin none."""
     max_missed: int = bounded(2, 0)
@@ -31,10 +30,8 @@ class TrackerParams(CheckedParams, prefix="tracking"):
     """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
     min_hits: int = bounded(2, 0)
     """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
-    score: Literal["last", "mean"] = "last"
-    """Score of a track: that of its last detection, or the mean of all so far."""
-    predicted_share: float = bounded(1.0, 0, 1)
-    """Share of that score which a track has while nothing measures it."""
+    score: Literal["last", "mean"] = "last"  # Score of a track: that of its last detection, or the mean of all so far.
+    predicted_share: float = bounded(1.0, 0, 1)  # Share of that score which a track has while nothing measures it.
 
 
 @dataclass(frozen=True)
@@ -48,24 +45,19 @@ class Tracker3DParams(TrackerParams):
     """
     gate_m: float = bounded(3.0, MIN_STD)
     """Greatest distance of a detection from a track's prediction [m], plus `gate_mps` times the time without one."""
-    gate_mps: float = bounded(8.0, 0)
-    """By how much the gate grows [m] for each second since a track was measured."""
+    gate_mps: float = bounded(8.0, 0)  # By how much the gate grows [m] for each second since a track was measured.
     new_gate_mps: float = bounded(20.0, 0)
     """The same for a track that was measured once and without a velocity, which may be any; at least `gate_mps`."""
     min_iou: float = bounded(0.05, 0, 1)
     """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
-    measured_std_m: float = bounded(0.3, MIN_STD)
-    """Standard deviation of a measured center [m]."""
-    rate_std_mps: float = bounded(10.0, 0)
-    """Standard deviation of a new track's velocity [m/s]."""
-    drift_std_mps: float = bounded(5.0, 0)
-    """Change of velocity within one second, standard deviation [m/s]."""
+    measured_std_m: float = bounded(0.3, MIN_STD)  # Standard deviation of a measured center [m].
+    rate_std_mps: float = bounded(10.0, 0)  # Standard deviation of a new track's velocity [m/s].
+    drift_std_mps: float = bounded(5.0, 0)  # Change of velocity within one second, standard deviation [m/s].
     size_share: float = bounded(1.0, 0, 1)
     """Least share of a new measurement in a track's size: 1 takes the size measured last, 0 the mean of all."""
     yaw_share: float = bounded(1.0, 0, 1)
     """The same of its heading. Below 1, headings turned by pi count as measured the right way round."""
-    ego_motion: bool = True
-    """Follow objects in world coordinates where poses are known; else in those of the body."""
+    ego_motion: bool = True  # Follow objects in world coordinates where poses are known; else in those of the body.
 
 
 def steady_tracking() -> Tracker3DParams:
@@ -93,7 +85,6 @@ class Tracker2DParams(TrackerParams):
     """
     measured_std: float = bounded(0.02, MIN_STD)
     """Standard deviation of a measured position, as a share of the box's size."""
-    rate_std: float = bounded(5.0, 0)
-    """Standard deviation of a new track's rate of change, in box sizes a second."""
+    rate_std: float = bounded(5.0, 0)  # Standard deviation of a new track's rate of change, in box sizes a second.
     drift_std: float = bounded(5.0, 0)
     """Change of the rates within one second, standard deviation in box sizes a second."""

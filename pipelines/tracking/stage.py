@@ -4,10 +4,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Generic
+from typing import Generic, Protocol
 
 from fbench.pipelines.sensors.points.merged import world_T_body
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker3D
 from fbench.pipelines.tracking.tracks import B, Tracker
 from fbench.replay.contracts.params import StageClock, require_between
 from fbench.replay.data.boxes import Boxes
@@ -47,16 +47,20 @@ def predict_output(
 ) -> Output:
     """Output of a frame that isn't due: the predicted tracks stand for its detections; nothing is decoded.
 
-    Args:
-        predict: Gives the tracks at the frame's instant, marked as predicted; timed as `track`.
-        missing: Sensors that the pipeline can't use in any frame, with the reason.
-        clock: With the stages that ran before.
-        faults: Met before.
+    `predict` gives the tracks at the frame's instant, marked as predicted, and is timed as `track`, after the stages of
+    `clock`. Sensors are `missing` that the pipeline can't use in any frame, with the reason.
     """
     clock = clock or StageClock()
     with clock.stage("track"):
         tracks = predict()
     return Output(tracks, tracks, clock.stage_ns, faults, missing)
+
+
+class Memory(Protocol):
+    """What remembers something of earlier frames."""
+
+    def reset(self) -> None:
+        """Forget it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,28 +74,31 @@ class Detected(Generic[B]):
 
 
 class TrackingPipeline(ABC, Generic[B]):
-    """Detects in the frames that are due, predicts tracks in the others; subclasses know how to detect.
-
-    Args:
-        tracker: In space it tracks in world coordinates where the log has poses.
-        detect_every: See `DetectionInterval`.
+    """Detects in the frames that are due (see `DetectionInterval`), predicts tracks in others; subclasses know how to
+    detect. Trackers in space track in world coordinates where the log has poses.
     """
 
     missing: Mapping[str, str] = NOTHING  # Sensors that can't be used in any frame, with the reason
 
     def __init__(self, tracker: Tracker[B], detect_every: int) -> None:
         self._tracker, self._interval = tracker, DetectionInterval(detect_every)
+        self._remember()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take the sensors of the rig. Raises ConfigError where what the parameters ask for isn't there. Raises
         LogError where the rig lacks sensors that the pipeline needs, or a camera that can be projected into.
         """
         self._rig = rig
+        self.reset("start")
+
+    def _remember(self, *parts: Memory) -> None:
+        """Name the sensors and fusion that remember something of earlier frames of a segment."""
+        self._memories: tuple[Memory, ...] = (self._tracker, self._interval, *parts)
 
     def reset(self, reason: str) -> None:
         """Begin a segment: end all tracks, and forget what sensors and fusion remember of earlier frames."""
-        self._tracker.reset()
-        self._interval.reset()
+        for part in self._memories:
+            part.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect and track; what a missing sensor would have given isn't there, as with a corrupt image."""

@@ -102,7 +102,9 @@ class Tracker(ABC, Generic[B]):
     first, and those that aren't finite are left out.
     """
 
+    kind: type[B]  # Of boxes
     place: str  # Name of the column that says where a detection is
+    carries: tuple[str, ...]  # Names of all columns
 
     def __init__(self, common: TrackerParams, any_order: bool) -> None:
         self._common, self._any_order = common, any_order
@@ -137,18 +139,15 @@ class Tracker(ABC, Generic[B]):
         return self._report(self._tracks, pose)
 
     def predict(self, stamp_ns: int, world_T_body: Float64 | None = None) -> B:
-        """Return where the tracks are at an instant without detection, so that none missed anything. Raises DataError:
-        see `step`.
-        """
+        """Return tracks at an instant without detection, so that none missed anything. Raises DataError: see `step`."""
         pose = self._take_pose(stamp_ns, world_T_body)
         if self._tracks is None:
-            return self._report(self._begin(self._columns(None), stamp_ns), pose)
+            return self._report(self._begin(self._columns(self.kind.empty()), stamp_ns), pose)
         self._tracks = self._advance(self._tracks, stamp_ns)
         self._stamp_ns = stamp_ns
         return self._report(self._tracks, pose)
 
     def _begin(self, detections: Columns, stamp_ns: int) -> Tracks:
-        """Birth: each of the detections (N) begins a track with the next id."""
         num, first_id = len(detections["score"]), self._next_id
         self._next_id += num
         return Tracks(
@@ -162,7 +161,6 @@ class Tracker(ABC, Generic[B]):
         )
 
     def _follow(self, tracks: Tracks, detections: Columns, weak: Bool, stamp_ns: int) -> Tracks:
-        """Measure the predicted tracks, end those that were missed too often, and begin new ones."""
         similarity, least = self._similarity(tracks, detections, stamp_ns)
         similarity[are_rivals(tracks.last["label"], detections["label"])] = 0.0
         at, columns = associate_weak_last(similarity, least, weak)
@@ -206,12 +204,21 @@ class Tracker(ABC, Generic[B]):
         return None
 
     def _move(self, detections: Columns, dst_T_src: Float64) -> Columns:
-        """Move detections to other coordinates."""
         return detections
 
-    @abstractmethod
-    def _columns(self, boxes: B | None) -> Columns:
-        """The fields that tracks carry, present in any case; `None`: no boxes."""
+    def _columns(self, boxes: Boxes2D | Boxes3D) -> Columns:
+        """The fields that tracks carry, present in any case."""
+        num, columns = len(boxes), dict[str, Array]()
+        unknown: Columns = {
+            "label": np.full(num, "other"),
+            "score": np.ones(num),
+            "sources": np.zeros(num, np.uint8),
+            "velocity_mps": np.full((num, 3), np.nan),
+        }
+        for name in self.carries:
+            array = getattr(boxes, name)
+            columns[name] = unknown.get(name, np.full(num, np.nan)) if array is None else array
+        return columns
 
     @abstractmethod
     def _first_states(self, detections: Columns) -> States: ...
@@ -257,9 +264,8 @@ def are_rivals(a: Text, b: Text) -> Bool:
 
 
 def newest_share(hits: Int64, least: float) -> Float64:
-    """Share (T,) of the newest of `hits` measurements in their mean: one of all at first, and never below `least`.
-
-    With 0 the mean is that of all measurements, with 1 it is the last one.
+    """Share (T,) of the newest of `hits` measurements in their mean: one of all at first, and never below `least`. With
+    0 the mean is that of all measurements, with 1 it is the last one.
     """
     return np.maximum(1.0 / hits, least)
 
@@ -276,9 +282,8 @@ def lower_predicted(score: Float64, predicted: Bool, share: float) -> Float64:
 
 
 def sort_detections(detections: Columns, place: str) -> Columns:
-    """Return sound detections by rising `place` (N, ...), equal ones by all that they carry.
-
-    Those whose place, size, heading or score isn't finite are left out: nothing can be tracked by them.
+    """Return sound detections by rising `place` (N, ...), equal ones by all that they carry. Those whose place, size,
+    heading or score isn't finite are left out: nothing can be tracked by them.
     """
     if not len(detections[place]):
         return detections

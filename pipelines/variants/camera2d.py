@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams
-from fbench.pipelines.sensors.camera.stage import CameraStage
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams, CameraStage
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.trackers import Tracker2D
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -23,10 +22,8 @@ from fbench.replay.data.rig import LogInfo, Rig
 class Camera2DParams(CheckedParams):
     """Parameters of `camera2d`."""
 
-    camera: CameraParams = field(default_factory=CameraParams)
-    """The detector."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    camera: CameraParams = field(default_factory=CameraParams)  # The detector.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
@@ -57,7 +54,7 @@ class Camera2D(TrackingPipeline[Boxes2D]):
                 "--set camera.weights=deimv2-femto (or the path of an ONNX file)"
             )
         self.missing = self._cameras.missing
-        self.reset("start")
+        super().start(rig, log_info)
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""

@@ -1,35 +1,37 @@
 """early2d, late2d, early3d and late3d: compositions of all sensors, one kind of fusion each, and a tracker."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from functools import partial
+from typing import ClassVar, TypeVar
 
-from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds, require_depth, stereo_stage
+from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.sensors.camera.detector import CameraParams
-from fbench.pipelines.sensors.camera.stage import CameraStage
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams, CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
-from fbench.pipelines.sensors.image.stage import InImages, LidarInImages, RadarInImages, projectable
-from fbench.pipelines.sensors.lidar.lidar import LidarParams
-from fbench.pipelines.sensors.lidar.stage import LidarStage
-from fbench.pipelines.sensors.parallel import SideBySide
+from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, projectable
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage
+from fbench.pipelines.sensors.parallel import Branches
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
-from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams
+from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.pipelines.tracking.tracks import B, Tracker
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.geometry.stereo_pairs import pairs
+
+First = TypeVar("First")
+Second = TypeVar("Second")
 
 
 @dataclass(frozen=True)
@@ -40,10 +42,8 @@ class AllSensorsParams(CheckedParams):
     """Detection by camera; without weights those of fbench work on simulated logs; on others it counts as
     missing.
     """
-    lidar: LidarParams = field(default_factory=LidarParams)
-    """Detection by LiDAR."""
-    radar: RadarParams = field(default_factory=RadarParams)
-    """Detection by radar."""
+    lidar: LidarParams = field(default_factory=LidarParams)  # Detection by LiDAR.
+    radar: RadarParams = field(default_factory=RadarParams)  # Detection by radar.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
@@ -61,16 +61,33 @@ class FusionPipeline(TrackingPipeline[B]):
 
     def __init__(self, params: AllSensorsParams, camera_share: float, tracker: Tracker[B]) -> None:
         super().__init__(tracker, params.detect_every)
-        self._sensors = SideBySide(CameraStage(params.camera, camera_share))
+        self._cameras, self._branches = CameraStage(params.camera, camera_share), Branches()
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
-        return self._sensors.identity
+        return self._cameras.identity
 
     def _start_cameras(self, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> None:
-        self._rig = rig
-        self._sensors.start(rig, log_info, settings)
-        self.missing = self._sensors.missing
+        """Take all cameras of the rig. Raises LogError where one that is used can't be projected into."""
+        self._cameras.start(rig, log_info, settings)
+        self._cameras.require_projections()
+        self.missing = self._cameras.missing
+
+    def _view(
+        self,
+        frame: Frame,
+        clock: StageClock,
+        faults: list[Fault],
+        a: Callable[[Frame, StageClock], First],
+        b: Callable[[Frame, StageClock], Second],
+    ) -> tuple[dict[str, CameraDetections], First, Second]:
+        """Return what the cameras see, by name, and what `a` and `b` give; a corrupt image is one of the `faults`."""
+        return self._branches.run(
+            clock,
+            lambda clock: self._cameras.view(frame, clock, faults),
+            lambda clock: a(frame, clock),
+            lambda clock: b(frame, clock),
+        )
 
 
 @dataclass(frozen=True)
@@ -81,26 +98,21 @@ class FusedImagesParams(AllSensorsParams):
     """Points and ground; of `lidar.cluster` only max_height_m counts here."""
     radar: RadarParams = field(default_factory=far_radar)
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
-    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
-    """Detection by LiDAR in images."""
-    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
-    """Detection by radar in images."""
-    fusion: ImageFusionParams = field(default_factory=ImageFusionParams)
-    """How the sensors' boxes become one."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)  # Detection by LiDAR in images.
+    radar_image: RadarImageParams = field(default_factory=RadarImageParams)  # Detection by radar in images.
+    fusion: ImageFusionParams = field(default_factory=ImageFusionParams)  # How the sensors' boxes become one.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 class FusedImages(FusionPipeline[Boxes2D]):
     """Labeled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
-    there.
-
-    Objects without a camera's label are called cars, or trucks where they are long.
+    there. Objects without a camera's label are called cars, or trucks where they are long.
     """
 
     name: ClassVar[str]
+    merges_points: ClassVar[bool]  # Whether points of LiDAR and radar that are no object themselves count, too
 
-    def __init__(self, params: FusedImagesParams) -> None:
+    def __init__(self, params: FusedImagesParams = FusedImagesParams()) -> None:
         super().__init__(params, params.fusion.camera_share, Tracker2D(params.tracking))
         self._params = params
 
@@ -113,60 +125,31 @@ class FusedImages(FusionPipeline[Boxes2D]):
         cameras = projectable(self.name, rig, log_info)
         self._start_cameras(rig, log_info, settings)
         self._fusion = ImageFusion(rig, cameras, params.fusion)
-        self._points = LidarStage(rig, log_info, params.lidar, settings)
-        self._lidar = LidarInImages(rig, cameras, self._points, params.lidar_image)
+        points = LidarStage(rig, log_info, params.lidar, settings)
+        self._lidar = LidarInImages(rig, cameras, points, params.lidar_image)
         echoes = RadarStage(rig, log_info, params.radar, settings)
         self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
-        self.reset("start")
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, how the ground lies, and how well the cameras see."""
-        super().reset(reason)
-        self._fusion.reset()
-        self._points.reset()
+        self._remember(self._fusion, points)
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         faults = list[Fault]()
-        cameras, lidar, radar = self._sensors.view(frame, clock, faults, self._lidar.view, self._radar.view)
+        cameras, *others = self._view(frame, clock, faults, self._lidar.view, self._radar.view)
         with clock.stage("fuse"):
-            return Detected(self._fusion.merge(cameras, *self._use(lidar, radar)), tuple(faults))
-
-    def _use(self, lidar: InImages, radar: InImages) -> tuple[InImages, InImages]:
-        """What of the other sensors' views takes part in fusion."""
-        return lidar, radar
-
-
-@dataclass(frozen=True)
-class Early2DParams(FusedImagesParams):
-    """Parameters of `early2d`."""
+            lidar, radar = others if self.merges_points else [replace(view, points={}) for view in others]
+            return Detected(self._fusion.merge(cameras, lidar, radar), tuple(faults))
 
 
 class Early2D(FusedImages):
     """LiDAR and radar points in the images are merged with the cameras' boxes there, and tracked."""
 
-    name = "early2d"
-
-    def __init__(self, params: Early2DParams = Early2DParams()) -> None:
-        super().__init__(params)
-
-
-@dataclass(frozen=True)
-class Late2DParams(FusedImagesParams):
-    """Parameters of `late2d`."""
+    name, merges_points = "early2d", True
 
 
 class Late2D(FusedImages):
-    """Each sensor detects on its own, as in `camera2d`, `lidar2d` and `radar2d`; their boxes are merged in the images,
-    and tracked.
-    """
+    """Sensors detect as in `camera2d`, `lidar2d` and `radar2d`; their boxes are merged in the images, and tracked."""
 
-    name = "late2d"
-
-    def __init__(self, params: Late2DParams = Late2DParams()) -> None:
-        super().__init__(params)
-
-    def _use(self, lidar: InImages, radar: InImages) -> tuple[InImages, InImages]:
-        return replace(lidar, points={}), replace(radar, points={})
+    name, merges_points = "late2d", False
 
 
 @dataclass(frozen=True)
@@ -180,18 +163,14 @@ class Early3DParams(AllSensorsParams):
     """How echoes are prepared and which of them move; they are grouped as `fusion.density` says."""
     stereo_pair: Choice = "auto"
     """Whether depth by a stereo pair joins the cloud: `on`, `off`, or `auto`, where the rig has a pair and no LiDAR."""
-    stereo: StereoParams = field(default_factory=StereoParams)
-    """Depth by stereo."""
-    fusion: EarlyParams = field(default_factory=EarlyParams)
-    """How one cloud becomes objects."""
-    tracking: Tracker3DParams = field(default_factory=steady_tracking)
-    """The tracker."""
+    stereo: StereoParams = field(default_factory=StereoParams)  # Depth by stereo.
+    fusion: EarlyParams = field(default_factory=EarlyParams)  # How one cloud becomes objects.
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
 
 
 class Early3D(FusionPipeline[Boxes3D]):
-    """Labeled boxes in 3D around the points of LiDARs, radars and a stereo pair; one of these must be there.
-
-    All points become one cloud, which is clustered. Cameras label points; what none of them sees is labeled by shape.
+    """Labeled boxes in 3D around the points of LiDARs, radars and a stereo pair; one of these must be there. All points
+    become one cloud, which is clustered. Cameras label points; what none of them sees is labeled by shape.
     """
 
     def __init__(self, params: Early3DParams = Early3DParams()) -> None:
@@ -203,27 +182,22 @@ class Early3D(FusionPipeline[Boxes3D]):
         where it has no LiDAR, radar or pair of cameras, or a camera that is to be used can't be projected into.
         """
         params, settings = self._params, SensorSettings(self._params, rig)
-        stereo = stereo_stage(rig, log_info.name, params.stereo_pair, params.stereo)
-        require_depth(rig, log_info.name, stereo)
+        is_auto = params.stereo_pair == "auto" and not rig.sensors("lidar") and bool(pairs(rig))
+        stereo = None
+        if params.stereo_pair == "on" or is_auto:
+            stereo = StereoStage(rig, log_info.name, params.stereo)
+        else:
+            require("early3d", ("lidar", "radar"), rig, log_info, "a LiDAR, a radar or a stereo pair of cameras")
         self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
         self._radar = RadarStage(rig, log_info, params.radar, settings)
-        self.reset("start")
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, and how the ground lies."""
-        super().reset(reason)
-        self._depth.reset()
+        self._remember(self._depth)
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         of_images, of_pairs = list[Fault](), list[Fault]()
-        cameras, depth, echoes = self._sensors.view(
-            frame,
-            clock,
-            of_images,
-            lambda frame, clock: self._depth.view(frame, clock, of_pairs),
-            self._radar.echoes,
-        )
+        find_depth = partial(self._depth.view, faults=of_pairs)
+        cameras, depth, echoes = self._view(frame, clock, of_images, find_depth, self._radar.echoes)
         with clock.stage("fuse"):
             params, stage = self._params, self._depth
             cloud = merge_clouds(depth, echoes, params.radar.min_speed_mps, params.fusion.echoes)
@@ -237,10 +211,8 @@ class Early3D(FusionPipeline[Boxes3D]):
 class Late3DParams(AllSensorsParams):
     """Parameters of `late3d`."""
 
-    fusion: FusionParams = field(default_factory=FusionParams)
-    """How the sensors' objects become one."""
-    tracking: Tracker3DParams = field(default_factory=steady_tracking)
-    """The tracker."""
+    fusion: FusionParams = field(default_factory=FusionParams)  # How the sensors' objects become one.
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
 
 
 class Late3D(FusionPipeline[Boxes3D]):
@@ -263,16 +235,11 @@ class Late3D(FusionPipeline[Boxes3D]):
         self._start_cameras(rig, log_info, settings)
         self._lidar = LidarStage(rig, log_info, self._params.lidar, settings)
         self._radar = RadarStage(rig, log_info, self._params.radar, settings)
-        self.reset("start")
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, how the ground lies, and how well the sensors work."""
-        super().reset(reason)
-        self._fusion.reset()
-        self._lidar.reset()
+        self._remember(self._fusion, self._lidar)
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         faults = list[Fault]()
-        seen = self._sensors.view(frame, clock, faults, self._lidar.view, self._radar.view)
+        seen = self._view(frame, clock, faults, self._lidar.view, self._radar.view)
         with clock.stage("fuse"):
             return Detected(self._fusion.step(SensorViews(self._rig, *seen)), tuple(faults))

@@ -4,13 +4,11 @@ from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.image.params import LidarImageParams, whole_vehicles
 from fbench.pipelines.sensors.image.stage import LidarInImages, drop_labels, projectable
-from fbench.pipelines.sensors.lidar.lidar import LidarParams
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage
 from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
@@ -22,10 +20,8 @@ from fbench.replay.data.rig import LogInfo, Rig
 class LidarAloneParams(CheckedParams):
     """What pipelines of LiDARs alone share."""
 
-    lidar: LidarParams = field(default_factory=LidarParams)
-    """Detection."""
-    min_score: float = bounded(0.5, 0, 1)
-    """Clusters with a lower score are dropped."""
+    lidar: LidarParams = field(default_factory=LidarParams)  # Detection.
+    min_score: float = bounded(0.5, 0, 1)  # Clusters with a lower score are dropped.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
@@ -40,20 +36,16 @@ class Lidar2DParams(LidarAloneParams):
 
     lidar: LidarParams = field(default_factory=whole_vehicles)
     """Points and ground; of `lidar.cluster` only max_height_m counts here."""
-    min_score: float = bounded(0.4, 0, 1)
-    """Clusters that look less like a vehicle than this are dropped."""
-    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
-    """Detection in images."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    min_score: float = bounded(0.4, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
+    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)  # Detection in images.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 @dataclass(frozen=True)
 class Lidar3DParams(LidarAloneParams):
     """Parameters of `lidar3d`."""
 
-    tracking: Tracker3DParams = field(default_factory=steady_tracking)
-    """The tracker."""
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
 
 
 class Lidar2D(TrackingPipeline[Boxes2D]):
@@ -64,19 +56,13 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all LiDARs of the rig, and the cameras that can be projected into. Raises LogError where it has no
-        LiDAR, or no such camera.
-        """
+        """Take all LiDARs, and cameras with a projection. Raises LogError where either is missing."""
         require("lidar2d", ("lidar",), rig, log_info)
         cameras = projectable("lidar2d", rig, log_info)
-        self._points = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
-        self._lidar = LidarInImages(rig, cameras, self._points, self._params.lidar_image)
-        self.reset("start")
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, and how the ground lies."""
-        super().reset(reason)
-        self._points.reset()
+        points = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
+        self._lidar = LidarInImages(rig, cameras, points, self._params.lidar_image)
+        self._remember(points)
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         return Detected(drop_labels(self._lidar.view(frame, clock).seen, self._params.min_score))
@@ -92,14 +78,9 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs of the rig. Raises LogError where it has none."""
         require("lidar3d", ("lidar",), rig, log_info)
-        self._rig = rig
         self._lidar = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
-        self.reset("start")
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, and how the ground lies."""
-        super().reset(reason)
-        self._lidar.reset()
+        self._remember(self._lidar)
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         boxes = self._lidar.view(frame, clock).boxes

@@ -8,8 +8,7 @@ from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
@@ -21,10 +20,8 @@ from fbench.replay.data.rig import LogInfo, Rig
 class RadarAloneParams(CheckedParams):
     """What pipelines of radars alone share."""
 
-    radar: RadarParams = field(default_factory=RadarParams)
-    """Detection."""
-    min_score: float = bounded(0.65, 0, 1)
-    """Clusters with a lower score are dropped."""
+    radar: RadarParams = field(default_factory=RadarParams)  # Detection.
+    min_score: float = bounded(0.65, 0, 1)  # Clusters with a lower score are dropped.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
@@ -39,40 +36,32 @@ class Radar2DParams(RadarAloneParams):
 
     radar: RadarParams = field(default_factory=far_radar)
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
-    min_score: float = bounded(0.4, 0, 1)
-    """Clusters with a lower score are dropped."""
-    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
-    """Detection in images."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
+    min_score: float = bounded(0.4, 0, 1)  # Clusters with a lower score are dropped.
+    radar_image: RadarImageParams = field(default_factory=RadarImageParams)  # Detection in images.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 @dataclass(frozen=True)
 class Radar3DParams(RadarAloneParams):
     """Parameters of `radar3d`."""
 
-    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
-    """The tracker."""
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
 
 
 class Radar2D(TrackingPipeline[Boxes2D]):
-    """Boxes in the images of all cameras from all radars, with their range rate; images aren't decoded. They have no
-    class.
-    """
+    """Boxes without class, with range rate, in the images of all cameras from all radars; images aren't decoded."""
 
     def __init__(self, params: Radar2DParams = Radar2DParams()) -> None:
         super().__init__(Tracker2D(params.tracking), params.detect_every)
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all radars of the rig, and the cameras that can be projected into. Raises LogError where it has no
-        radar, or no such camera.
-        """
+        """Take all radars, and cameras with a projection. Raises LogError where either is missing."""
         require("radar2d", ("radar",), rig, log_info)
         cameras, params = projectable("radar2d", rig, log_info), self._params
         echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))
         self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
-        self.reset("start")
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         return Detected(drop_labels(self._radar.view(frame, clock).seen, self._params.min_score))
@@ -88,9 +77,8 @@ class Radar3D(TrackingPipeline[Boxes3D]):
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all radars of the rig. Raises LogError where it has none."""
         require("radar3d", ("radar",), rig, log_info)
-        self._rig = rig
         self._radar = RadarStage(rig, log_info, self._params.radar, SensorSettings(self._params, rig))
-        self.reset("start")
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         return Detected(report_boxes(self._radar.view(frame, clock).boxes, self._params.min_score, Source.R))

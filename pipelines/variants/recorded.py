@@ -6,9 +6,8 @@ from typing import ClassVar
 from fbench.pipelines.sensors.recorded import RecordedBoxes, Which
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import DetectionInterval, predict_output
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
-from fbench.replay.contracts.params import StageClock, require_between
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
+from fbench.replay.contracts.params import StageClock, bounded
 from fbench.replay.contracts.protocols import BoxReader
 from fbench.replay.data.boxes import Boxes, Boxes2D
 from fbench.replay.data.frames import Frame, Output
@@ -52,22 +51,18 @@ class Recorded:
         return Output(boxes, boxes, stage_ns, found.faults, found.missing, clock="log")
 
 
+_TRACKING = Tracker3DParams(association="giou", max_missed=3, predicted_share=0.0)
+
+
 @dataclass(frozen=True)
 class TrackParams(Which):
     """Parameters of `track`."""
 
-    detect_every: int = 1
+    detect_every: int = bounded(1, 1)
     """Detections count on every so many-th frame of a segment, from its first; between them tracks are predicted."""
-    tracking: Tracker3DParams = field(
-        default_factory=lambda: Tracker3DParams(association="giou", max_missed=3, predicted_share=0.0)
-    )
+    tracking: Tracker3DParams = _TRACKING
     """The tracker where detections are in 3D."""
-    tracking2d: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker where they are in images."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_between("detect_every", self.detect_every, 1)
+    tracking2d: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker where they are in images.
 
 
 class Track(Recorded):

@@ -6,7 +6,7 @@ from fbench.pipelines.sensors.points.merged import report_boxes
 from fbench.pipelines.sensors.stereo.stage import NOISE, ObjectParams, StereoParams, StereoStage, detect
 from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.frames import Fault, Frame
@@ -17,22 +17,17 @@ from fbench.replay.data.rig import LogInfo, Rig
 class Stereo3DParams(CheckedParams):
     """Parameters of `stereo3d`."""
 
-    stereo: StereoParams = field(default_factory=StereoParams)
-    """Which cameras, and how they give depth."""
-    objects: ObjectParams = field(default_factory=ObjectParams)
-    """What becomes of the points."""
-    min_score: float = bounded(0.5, 0, 1)
-    """Clusters that look less like a vehicle than this are dropped."""
-    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
-    """The tracker."""
+    stereo: StereoParams = field(default_factory=StereoParams)  # Which cameras, and how they give depth.
+    objects: ObjectParams = field(default_factory=ObjectParams)  # What becomes of the points.
+    min_score: float = bounded(0.5, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
     detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
 
 
 class Stereo3D(TrackingPipeline[Boxes3D]):
-    """Boxes in 3D from one stereo pair. They have no class and no velocity.
-
-    A frame whose depth is noise has no detections, and both cameras count as missing from it.
+    """Boxes in 3D from one stereo pair. They have no class and no velocity. A frame whose depth is noise has no
+    detections, and both cameras count as missing from it.
     """
 
     def __init__(self, params: Stereo3DParams = Stereo3DParams()) -> None:
@@ -41,9 +36,8 @@ class Stereo3D(TrackingPipeline[Boxes3D]):
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take the pair that is named, or the one with the longest baseline."""
-        self._rig = rig
         self._stereo = StereoStage(rig, log_info.name, self._params.stereo)
-        self.reset("start")
+        super().start(rig, log_info)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         faults, pair = list[Fault](), self._stereo.pair

@@ -1,7 +1,7 @@
 """Checks of parameters, and timing of the stages of one frame."""
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from typing import TypeVar
@@ -23,14 +23,6 @@ def require_between(name: str, value: float, low: float, high: float = LIMIT) ->
         raise ConfigError(f"{name}: expected {limits}, got {value if isinstance(value, int) else format(value, 'g')}")
 
 
-def require_ranges(prefix: str, params: object, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse fields of `params` outside of their range (low, high); `prefix` is what precedes their names. Raises
-    ConfigError: see `require_between`.
-    """
-    for name, (low, high) in ranges.items():
-        require_between(f"{prefix}.{name}", getattr(params, name), low, high)
-
-
 @dataclass(frozen=True)
 class CheckedParams:
     """Parameters with ranges: see `bounded`. A subclass names what precedes its fields, such as `prefix="fusion"`.
@@ -43,17 +35,17 @@ class CheckedParams:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if "range" in f.metadata:
-                require_between(f"{self._prefix}{f.name}", getattr(self, f.name), *f.metadata["range"])
+            if "range" in f.metadata and (value := getattr(self, f.name)) is not None:
+                require_between(f"{self._prefix}{f.name}", value, *f.metadata["range"])
 
     _prefix = ""
 
 
-T = TypeVar("T", int, float)
+T = TypeVar("T", int, float, None)
 
 
 def bounded(default: T, low: float, high: float = LIMIT) -> T:
-    """Field of `CheckedParams` whose values lie in [low, high]."""
+    """Field of `CheckedParams` whose values lie in [low, high]; `None`, where its type allows that, is always fine."""
     return field(default=default, metadata={"range": (low, high)})
 
 

@@ -10,6 +10,7 @@ class Inner:
     eps_m: float = 0.6
     """Radius [m]."""
     plain: int = 1
+    min_points: int = 5  # Points, itself included.
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,9 @@ class Outer:
     at all."""
 
 
-def test_texts_under_fields_are_found_by_dotted_name():
-    assert parameter_docs(Outer()) == {"inner.eps_m": "Radius [m].", "inner.plain": "", "on": "Whether at all."}
+def test_texts_under_and_beside_fields_are_found_by_dotted_name():
+    docs = {"inner.eps_m": "Radius [m].", "inner.plain": "", "inner.min_points": "Points, itself included."}
+    assert parameter_docs(Outer()) == docs | {"on": "Whether at all."}
     assert parameter_docs(None) == {}
 
 

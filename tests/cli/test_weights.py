@@ -8,7 +8,7 @@ import pytest
 from tests.weights_server import CONTENT, fails, sends, serving
 
 from fbench.cli.weights import get_weights, show_weights
-from fbench.pipelines.models.weights import CATALOGUE, entry_named
+from fbench.pipelines.models.weights import CATALOGUE, find_entry
 from fbench.pipelines.variants.fused import Late3DParams
 from fbench.replay.contracts.errors import ModelError
 from fbench.replay.contracts.settings import apply_settings, describe
@@ -183,7 +183,7 @@ def test_paths_that_can_be_no_weights(fbench, log, pipeline, sensor, weights, re
 def test_a_run_with_a_name_tells_the_file(fbench, log, shared, tmp_path):
     if not (shared / FEMTO).exists():
         pytest.skip(f"no weights at {shared / FEMTO}")
-    entry = entry_named("deimv2-femto")
+    entry = find_entry("deimv2-femto")
     assert fbench("weights", "get", entry.name, "--from", shared / FEMTO).code == 0
     result = fbench("replay", log, "-p", "camera2d", "--set", f"camera.weights={entry.name}", "-o", "run")
     assert result.code == 0

@@ -44,7 +44,7 @@ def requests() -> list[bytes]:
     return [
         b"".join(frame_request(1, Frame(0, 1, 0, {m.sensor: m for m in messages}, {"gone": "late"}))),
         bytes(small_request(2, hello(rig, LogInfo("drive", "drive-1", {"place": "here"})))[0]),
-        bytes(small_request(3, schema.Reset(reason="gap"))[0]),
+        bytes(small_request(3, reset=schema.Reset(reason="gap"))[0]),
     ]
 
 

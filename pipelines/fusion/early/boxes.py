@@ -9,7 +9,7 @@ from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
 from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed
 from fbench.pipelines.fusion.observations import outline_overlaps
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
-from fbench.pipelines.sensors.lidar.classification import Seen, Standing, like_cars, road_users
+from fbench.pipelines.sensors.lidar.classification import Seen, Standing, classify
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, complete_known, fit_rectangles, half_turn
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
@@ -46,25 +46,20 @@ def fit_shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) 
     return Shapes(rectangles, by_shape, np.where(by_shape, top, 0.0), np.where(by_shape, bottom, 0.0))
 
 
-@dataclass(frozen=True, eq=False)
-class GroupBoxes:
-    """Boxes of groups (M,)."""
-
-    center_m: Float64  # (M, 3) [m]
-    size_lwh_m: Float64  # (M, 3) [m]
-    yaw_rad: Float64  # (M,) [rad]
-    overlap: Float64  # (M,) IoU of the projected box with the camera's, NaN without
-
-
-def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, label: Text) -> GroupBoxes:
+def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, label: Text) -> tuple[Boxes3D, Float64]:
     """Complete what is seen of groups to objects of their label's typical size.
 
     Which of the edges that are seen are sides follows from their lengths only where one is long enough. For what a
     camera sees there are four guesses: either edge of the rectangle may be the side, and either heading that looks as
     wide as the camera's box, with the object put behind its near side along the line of sight. The one that covers the
-    camera's box best is taken.
+    camera's box best is taken. Also returns the IoU (M,) of the projected boxes with the camera's, NaN without.
     """
-    lwh = _typical_sizes(scene, seen, groups, label)
+    # What a camera takes for a truck may be as low as a van.
+    car = scene.shapes.size
+    typical = {name: SIZES[name].lwh_m for name in SIZES} | {"car": (car.length_m, car.width_m, car.height_m)}
+    lwh = np.array([typical[str(name)] for name in label], np.float64).reshape(-1, 3)
+    for row in np.flatnonzero((groups.observation >= 0) & (label != "car")).tolist():
+        lwh[row] = seen.observations[groups.observation[row]].size_lwh_m
     lwh[:, 2] = np.maximum(lwh[:, 2], np.minimum(shape.top_m, _TALLEST_M))
     by_ray = np.zeros((len(groups), 2, 5))
     for row in np.flatnonzero((groups.observation >= 0) | ~shape.by_shape).tolist():
@@ -86,27 +81,12 @@ def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, lab
     choice = np.where(has_camera, np.argmax(worth, axis=1), np.where(shape.by_shape, 0, 2))
     rows = np.arange(len(groups))
     best = table[rows, choice]
-    return GroupBoxes(
-        center_m=np.column_stack([best[:, :2], z[rows, choice]]),
-        size_lwh_m=np.column_stack([best[:, 2:4], lwh[:, 2]]),
-        yaw_rad=best[:, 4],
-        overlap=np.where(has_camera, overlap[rows, choice], np.nan),
-    )
-
-
-def _typical_sizes(scene: Scene, seen: Observed, groups: Groups, label: Text) -> Float64:
-    """Typical length, width and height (M, 3) [m]: what a camera takes for a truck may be as low as a van."""
-    size = scene.shapes.size
-    typical = {name: SIZES[name].lwh_m for name in SIZES} | {"car": (size.length_m, size.width_m, size.height_m)}
-    result = np.array([typical[str(name)] for name in label], np.float64).reshape(-1, 3)
-    for row in np.flatnonzero((groups.observation >= 0) & (label != "car")):
-        result[row] = seen.observations[groups.observation[row]].size_lwh_m
-    return result
+    center, size = np.column_stack([best[:, :2], z[rows, choice]]), np.column_stack([best[:, 2:4], lwh[:, 2]])
+    return Boxes3D(center, size, best[:, 4]), np.where(has_camera, overlap[rows, choice], np.nan)
 
 
 def _guess_along_ray(scene: Scene, seen: Observed, groups: Groups, row: int, length_width: Float64) -> Float64:
     """Two guesses (2, 5) of an object whose near side is the nearest tenth of a group's points: place, size, heading.
-
     The direction is that of a camera's box, where it shows the whole object.
     """
     one = seen.observations[groups.observation[row]] if groups.observation[row] >= 0 else None
@@ -159,7 +139,7 @@ def classify_shapes(scene: Scene, groups: Groups, shape: Shapes) -> tuple[Float6
         return probability, label
     seen = Seen(_sort_points(scene, groups, rows), shape.rectangles[rows], scene.plane, scene.eye_m)
     how = scene.shapes
-    boxes = road_users(seen, how.size, how.sizes) if how.judge == "model" else like_cars(seen, how.size, how.shape)
+    boxes = classify(seen, how.judge, how.size, how.sizes, how.shape)
     if boxes.score is not None:
         probability[rows] = boxes.score
     long = np.hypot(*(shape.rectangles[:, [2, 4]] - shape.rectangles[:, [1, 3]]).T) > LONG_M

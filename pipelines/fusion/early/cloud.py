@@ -7,20 +7,17 @@ from typing import Literal
 import numpy as np
 
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.lidar import LidarParams, Obstacles, obstacles
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage, Obstacles, obstacles
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.sensors.points.merged import lidar_position
+from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.radar import Compensated
-from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoParams, StereoStage
-from fbench.replay.contracts.errors import LogError
+from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoStage
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Array, Bool, Float64
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
-from fbench.replay.geometry.stereo_pairs import pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,27 +91,7 @@ class DepthView:
     noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
 
 
-def no_obstacles() -> Obstacles:
-    """Return the obstacles of a sensor that delivers nothing."""
-    return Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
-
-
-def stereo_stage(rig: Rig, log_name: str, choice: Choice, params: StereoParams) -> StereoStage | None:
-    """Return the stage of the pair that is to be used, if any: with `auto`, where the rig has one and no LiDAR. Raises
-    ConfigError where a camera that is named isn't there. Raises LogError where a pair is to be used and the rig has
-    none, or what it has can't be rectified.
-    """
-    is_used = choice == "on" or (choice == "auto" and not rig.sensors("lidar") and bool(pairs(rig)))
-    return StereoStage(rig, log_name, params) if is_used else None
-
-
-def require_depth(rig: Rig, log_name: str, stereo: StereoStage | None) -> None:
-    """Refuse a rig without anything that sees depth. Raises LogError naming the log and the sensors that are there."""
-    if rig.sensors("lidar", "radar") or stereo is not None:
-        return
-    present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
-    wanted = "early3d needs a LiDAR, a radar or a stereo pair of cameras"
-    raise LogError(f"log '{log_name}': {wanted}; the log has: {present}", "CFG001")
+_NOTHING = Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))  # Of a sensor that doesn't deliver
 
 
 class DepthStage:
@@ -125,11 +102,13 @@ class DepthStage:
     ) -> None:
         self._lidar = LidarStage(rig, log_info, params, settings)
         self._stereo, self._params = stereo, ObjectParams()
-        self.eye_m = _eye(rig, stereo)
+        has_lidar = bool(rig.sensors("lidar"))
+        own = viewpoint(rig, "lidar" if has_lidar else "radar")
+        self.eye_m = np.asarray(own if has_lidar or stereo is None else stereo.eye_m, np.float64)
         """(2,) from where the cloud is seen [m]."""
         self.shapes = replace(params, judge=params.judge or "model")
         """How shapes are classified: those of stereo by rules."""
-        if not rig.sensors("lidar"):
+        if not has_lidar:
             self.shapes = replace(params, judge="rules", shape=self._params.shape)
         self.reset()
 
@@ -141,8 +120,8 @@ class DepthStage:
     def view(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> DepthView:
         """Take the ground away from the points of one frame; a corrupt image is a fault and counts as missing."""
         points = self._lidar.points(frame, clock)
-        lidar = no_obstacles() if points is None else self._lidar.obstacles(points, clock)
-        stereo, noisy = no_obstacles(), tuple[str, ...]()
+        lidar = _NOTHING if points is None else self._lidar.obstacles(points, clock)
+        stereo, noisy = _NOTHING, tuple[str, ...]()
         if self._stereo is not None:
             view, pair = self._stereo.view(frame, clock, faults), self._stereo.pair
             noisy = (pair.left, pair.right) if view.is_off else ()
@@ -150,14 +129,6 @@ class DepthStage:
                 stereo = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else stereo
         self._plane = lidar.plane or stereo.plane or self._plane
         return DepthView(lidar, stereo, self._plane, noisy)
-
-
-def _eye(rig: Rig, stereo: StereoStage | None) -> Float64:
-    if rig.sensors("lidar"):
-        return lidar_position(rig)
-    if stereo is not None:
-        return np.asarray(stereo.eye_m, np.float64)
-    return np.asarray(np.mean([rig.body_T_sensor(name)[:2, 3] for name in rig.sensors("radar")], axis=0), np.float64)
 
 
 @dataclass(frozen=True, eq=False)

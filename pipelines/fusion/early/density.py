@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud
+from fbench.pipelines.sensors.points.grid import find_root
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
@@ -14,14 +15,6 @@ from fbench.replay.geometry.kernels import kernel
 
 Reaching: TypeAlias = tuple[Int64, Float64, Float64, Float64, float, float]
 """Neighborhoods: place, xy, reach, velocity and edge as of `connect_cells`, and the longest reach."""
-
-
-@kernel
-def _root(parent: Int64, i: int) -> int:
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @kernel
@@ -73,52 +66,33 @@ def connect_cells(
     """
     num = len(place)
     reaching = (place, xy, reach, velocity, edge, reach.max() if num else 0.0)
-    found = np.empty(num, np.int64)
-    core = _cores(reaching, weight, able, found)
-    label = _number_clusters(_link_cores(reaching, core, found), core)
-    return _add_borders(reaching, core, label, found), core
-
-
-@kernel
-def _cores(reaching: Reaching, weight: Float64, able: Bool, found: Int64) -> Bool:
-    core = np.zeros(len(weight), np.bool_)
-    for i in range(len(weight)):
+    found, core = np.empty(num, np.int64), np.zeros(num, np.bool_)
+    for i in range(num):
         total = 0.0
         for k in range(_neighbors(i, reaching, found)):
             total += weight[found[k]]
         core[i] = able[i] and total >= 1.0 - 1e-9  # sums of shares are rounded
-    return core
-
-
-@kernel
-def _link_cores(reaching: Reaching, core: Bool, found: Int64) -> Int64:
-    """Lead each core cell toward the first of its cluster."""
-    parent = np.arange(len(core))
-    for i in range(len(core)):
+    parent = np.arange(num)  # leads each core cell toward the first of its cluster
+    for i in range(num):
         if core[i]:
             for k in range(_neighbors(i, reaching, found)):
                 if core[found[k]]:
-                    a, b = _root(parent, i), _root(parent, found[k])
+                    a, b = find_root(parent, i), find_root(parent, found[k])
                     parent[max(a, b)] = min(a, b)
-    return parent
+    return _number_clusters(reaching, parent, core, found), core
 
 
 @kernel
-def _number_clusters(parent: Int64, core: Bool) -> Int64:
+def _number_clusters(reaching: Reaching, parent: Int64, core: Bool, found: Int64) -> Int64:
     label, num_clusters = np.full(len(core), -1), 0
     for i in range(len(core)):
         if core[i]:
-            root = _root(parent, i)
+            root = find_root(parent, i)
             if root == i:
                 label[i] = num_clusters
                 num_clusters += 1
             else:
                 label[i] = label[root]
-    return label
-
-
-@kernel
-def _add_borders(reaching: Reaching, core: Bool, label: Int64, found: Int64) -> Int64:
     result = label.copy()
     for i in range(len(core)):
         if not core[i]:
@@ -137,16 +111,11 @@ class DensityParams(CheckedParams, prefix="fusion.density"):
     Standing echoes that no camera's box holds join clusters, but link nothing.
     """
 
-    lidar_points: float = bounded(3.0, 0.01, 1e6)
-    """So many LiDAR points alone make a core."""
-    stereo_points: float = bounded(8.0, 0.01, 1e6)
-    """So many points of stereo alone make a core."""
-    moving_echoes: float = bounded(3.0, 0.01, 1e6)
-    """So many moving radar echoes alone make a core."""
-    standing_echoes: float = bounded(40.0, 0.01, 1e6)
-    """So many standing radar echoes alone make a core."""
-    seen_factor: float = bounded(2.0, 0, 1000)
-    """Points that a camera's box is given count so many times."""
+    lidar_points: float = bounded(3.0, 0.01, 1e6)  # So many LiDAR points alone make a core.
+    stereo_points: float = bounded(8.0, 0.01, 1e6)  # So many points of stereo alone make a core.
+    moving_echoes: float = bounded(3.0, 0.01, 1e6)  # So many moving radar echoes alone make a core.
+    standing_echoes: float = bounded(40.0, 0.01, 1e6)  # So many standing radar echoes alone make a core.
+    seen_factor: float = bounded(2.0, 0, 1000)  # Points that a camera's box is given count so many times.
     reach_m: float = bounded(0.6, 0.01, 50)
     """Points of LiDAR and stereo nearer than this [m] to each other are neighbors."""
     reach_rad: float = bounded(0.03, 0, 1)
@@ -176,7 +145,6 @@ _PACE_MPS, _MOST_PACE = 1.0, 1000
 
 def cluster_cloud(cloud: FusedCloud, is_seen: Bool, params: DensityParams) -> Int64:
     """Cluster a cloud; returns cluster numbers (N,), -1 for noise. `is_seen` (N,): a camera's box holds the point.
-
     Clusters are numbered by their first core cell, by x, then y. Points beyond 1000 km are noise.
     """
     result = np.full(len(cloud), -1)
@@ -184,7 +152,10 @@ def cluster_cloud(cloud: FusedCloud, is_seen: Bool, params: DensityParams) -> In
     if not len(rows):
         return result
     numbers = np.floor(cloud.xyz[rows, :2] / params.cell_m).astype(np.int64)
-    rate = _unbroken_rates(cloud)[rows]
+    # Ambiguous velocities are taken to [0, period), so that the seam lies at standstill.
+    rate, period = cloud.range_rate_mps[rows], cloud.period_mps[rows]
+    ambiguous = np.flatnonzero((period > 0) & np.isfinite(rate))
+    rate[ambiguous] = np.mod(rate[ambiguous], period[ambiguous])
     pace = np.where(
         cloud.is_moving[rows], 1 + _MOST_PACE + np.clip(np.floor(rate / _PACE_MPS), -_MOST_PACE, _MOST_PACE), 0
     )
@@ -203,14 +174,6 @@ def cluster_cloud(cloud: FusedCloud, is_seen: Bool, params: DensityParams) -> In
     able = np.bincount(cell, ~is_clutter[rows]) > 0
     result[rows] = connect_cells(numbers[first], xy, weight, able, reach, velocity, params.cell_m)[0][cell]
     return result
-
-
-def _unbroken_rates(cloud: FusedCloud) -> Float64:
-    """Radial velocities (N,) [m/s]; ambiguous ones in [0, period), so that the seam lies at standstill."""
-    rate = cloud.range_rate_mps.copy()
-    rows = np.flatnonzero((cloud.period_mps > 0) & np.isfinite(rate))
-    rate[rows] = np.mod(rate[rows], cloud.period_mps[rows])
-    return rate
 
 
 def _reaches(xy: Float64, is_echo: Bool, velocity: Float64, params: DensityParams) -> Float64:

@@ -1,7 +1,7 @@
 """Early fusion in 3D: from one cloud and the boxes of cameras to objects."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from fbench.pipelines.fusion.observations import AT_MIN_SCORE
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.contracts.params import CheckedParams, bounded
-from fbench.replay.data.arrays import Array, Bool, Float64
+from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 
 _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
@@ -29,9 +29,8 @@ _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
 
 @dataclass(frozen=True)
 class ExistenceParams(CheckedParams, prefix="fusion.existence"):
-    """Evidence for a group of points, as logarithms of odds that add up: score = 1 / (1 + exp(-sum)).
-
-    The shape of LiDAR points has odds of its own, by the LiDAR's model.
+    """Evidence for a group of points, as logarithms of odds that add up: score = 1 / (1 + exp(-sum)). The shape of
+    LiDAR points has odds of its own, by the LiDAR's model.
     """
 
     camera: float = bounded(1.3, -1000, 1000)
@@ -46,16 +45,14 @@ class ExistenceParams(CheckedParams, prefix="fusion.existence"):
     """Of a group in a camera's box with too few points to have a shape."""
     camera_points: float = bounded(0.2, -1000, 1000)
     """Times the logarithm of the number of points and moving echoes, where a camera's box holds the group."""
-    alone: float = bounded(0.3, -1000, 1000)
-    """Of a group that no camera's box holds, beside what its shape says."""
+    alone: float = bounded(0.3, -1000, 1000)  # Of a group that no camera's box holds, beside what its shape says.
     shapeless: float = bounded(-2.3, -1000, 1000)
     """Of such a group with too few points to have a shape, instead of that."""
     unconfirmed: float = bounded(-1.2, -1000, 1000)
     """Of such a group where LiDAR or stereo deliver, and ought to have seen more."""
     unseen: float = bounded(-1.8, -1000, 1000)
     """Of a group that a working camera looks at from near and doesn't report."""
-    unseen_px: float = bounded(80.0, 0.1, 1e5)
-    """Where a car looks n pixels high, 1 - exp(-n / this) of that counts."""
+    unseen_px: float = bounded(80.0, 0.1, 1e5)  # Where a car looks n pixels high, 1 - exp(-n / this) of that counts.
     moving: float = bounded(0.8, -1000, 1000)
     """Times the logarithm of the number of moving echoes, where no camera's box holds the group."""
     most_odds: float = bounded(4.0, 0, 30)
@@ -69,55 +66,57 @@ class EarlyParams(CheckedParams, prefix="fusion"):
     camera_share: float = bounded(0.5, 0, 1)
     """Boxes down to this share of a camera's `min_score` [0 to 1] count where the shape of their points confirms
     them."""
-    echoes: EchoParams = field(default_factory=EchoParams)
-    """Which standing radar echoes join the cloud."""
-    semantics: SemanticsParams = field(default_factory=SemanticsParams)
-    """How points take the labels of camera boxes."""
-    density: DensityParams = field(default_factory=DensityParams)
-    """How points are clustered."""
-    existence: ExistenceParams = field(default_factory=ExistenceParams)
-    """How sure it is that clusters are road users."""
-    fit_points: float = bounded(4.0, 1, 1e6)
-    """From so many points of LiDAR and stereo on their shape gives the box."""
+    echoes: EchoParams = field(default_factory=EchoParams)  # Which standing radar echoes join the cloud.
+    semantics: SemanticsParams = field(default_factory=SemanticsParams)  # How points take the labels of camera boxes.
+    density: DensityParams = field(default_factory=DensityParams)  # How points are clustered.
+    existence: ExistenceParams = field(default_factory=ExistenceParams)  # How sure it is that clusters are road users.
+    fit_points: float = bounded(4.0, 1, 1e6)  # From so many points of LiDAR and stereo on their shape gives the box.
     most_extent_m: float = bounded(20.0, 0.1, 1000)
     """Clusters wider than this along x or y [m] that no camera sees are walls."""
     merge_m: float = bounded(2.0, 0, 100)
     """Of objects with centers nearer than this [m], or the center of one in the other, the surest stays."""
-    min_score: float = bounded(0.5, 0, 1)
-    """Objects with a lower score are dropped."""
+    min_score: float = bounded(0.5, 0, 1)  # Objects with a lower score are dropped.
 
 
 def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
     """Find labeled objects with score, sources and, where radar measured it, velocity along the line of sight.
 
     Points take the labels of camera boxes and are clustered; a box is fitted to each group, whose probability to be a
-    road user follows from its shape, its points and the camera. Of objects in one place the surest stays.
+    road user follows from its shape, its points and the camera. Of objects in one place the surest stays. They come by
+    falling score; equal scores by place.
     """
     cloud = scene.cloud
     seen = label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
     is_seen = seen.instance >= 0
     cluster = cluster_cloud(cloud, is_seen, params.density)
     groups = group_points(cloud, seen, cluster, params.density.weights(cloud, is_seen))
-    groups = groups.select((groups.observation >= 0) | (_extents(cloud, groups) <= params.most_extent_m))
+    if len(groups):  # what no camera sees and is wide are walls
+        xy, first = cloud.xyz[groups.rows, :2], groups.first[:-1]
+        extent = (np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)).max(axis=1)
+        groups = groups.select((groups.observation >= 0) | (extent <= params.most_extent_m))
     counts = count_points(groups, cloud)
     shape = fit_shapes(cloud, groups, counts, params.fit_points)
     by_shape, label = classify_shapes(scene, groups, shape)
     names = np.array([one.label for one in seen.observations] or [""], np.str_)
     label = np.where(groups.observation >= 0, names[groups.observation], label)
-    boxes = place_boxes(scene, seen, groups, shape, label)
-    score = _existence(scene, seen, groups, counts, by_shape, boxes.overlap, params.existence)
+    boxes, overlap = place_boxes(scene, seen, groups, shape, label)
+    score = _existence(scene, seen, groups, counts, by_shape, overlap, params.existence)
     bearing = np.arctan2(boxes.center_m[:, 1] - scene.eye_m[1], boxes.center_m[:, 0] - scene.eye_m[0])
     rate = _rates(cloud, groups, counts)
-    found = Boxes3D(
-        center_m=boxes.center_m,
-        size_lwh_m=boxes.size_lwh_m,
-        yaw_rad=boxes.yaw_rad,
+    found = replace(
+        boxes,
         velocity_mps=np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate]),
         label=label,
         score=score,
         sources=counts.sources,
     )
-    return found[_surest(found, score, params)]
+    order = np.lexsort((*found.center_m.T[::-1], -score))
+    order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
+    same, kept = _are_one(found[order], params.merge_m), list[int]()
+    for row in range(len(order)):
+        if not same[row, kept].any():
+            kept.append(row)
+    return found[order[kept]]
 
 
 def _existence(
@@ -129,9 +128,7 @@ def _existence(
     overlap: Float64,
     params: ExistenceParams,
 ) -> Float64:
-    """Probability (M,) that groups are road users, given that by shape alone (M,), NaN where they have none, and the
-    IoU (M,) of their projected box with the camera's, NaN without.
-    """
+    """Probability (M,) of groups, given that by shape (M,) and the boxes' IoU (M,), NaN where there is none."""
     scores = np.array([one.score for one in seen.observations] or [np.nan])
     camera_score = np.where(groups.observation >= 0, scores[groups.observation], np.nan)
     is_sure = np.array([one.is_sure for one in seen.observations] + [False])[groups.observation]
@@ -156,16 +153,7 @@ def _existence(
 
 
 def _limited_odds(probability: Float64, most: float) -> Float64:
-    """Logarithm of odds (M,), NaN where the probability is."""
     return np.asarray(np.clip(log_odds(probability, 1e-9), -most, most), np.float64)
-
-
-def _extents(cloud: FusedCloud, groups: Groups) -> Float64:
-    """Larger of the extents along x and y (M,) [m]."""
-    if not len(groups):
-        return np.zeros(0)
-    xy, first = cloud.xyz[groups.rows, :2], groups.first[:-1]
-    return np.asarray((np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)).max(axis=1), np.float64)
 
 
 def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
@@ -176,18 +164,6 @@ def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
         points = points[cloud.is_moving[points]]
         result[row] = median_rate(cloud.range_rate_mps[points], cloud.period_mps[points])
     return result
-
-
-def _surest(boxes: Boxes3D, score: Float64, params: EarlyParams) -> Array:
-    """Rows of boxes that stay, by falling score; equal scores by place."""
-    order = np.lexsort((*boxes.center_m.T[::-1], -score))
-    order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
-    same = _are_one(boxes[order], params.merge_m)
-    kept: list[int] = []
-    for row in range(len(order)):
-        if not same[row, kept].any():
-            kept.append(row)
-    return order[kept]
 
 
 def _are_one(boxes: Boxes3D, merge_m: float) -> Bool:

@@ -11,7 +11,7 @@ from fbench.pipelines.fusion.sizes import SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.contracts.params import CheckedParams, bounded
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import in_image, project_body
@@ -23,10 +23,8 @@ class SemanticsParams(CheckedParams, prefix="fusion.semantics"):
 
     inset: float = bounded(0.03, 0, 0.5)
     """This share of a box's width [0 to 0.5] is left out at each side, where its outline is loose."""
-    margin_px: float = bounded(5.0, 0, 10_000)
-    """Points may lie this far above and below a box [px]."""
-    radar_rad: float = bounded(0.01, 0, 1)
-    """Error of a radar's azimuths [rad]: its echoes may lie so far beside a box."""
+    margin_px: float = bounded(5.0, 0, 10_000)  # Points may lie this far above and below a box [px].
+    radar_rad: float = bounded(0.01, 0, 1)  # Error of a radar's azimuths [rad]: its echoes may lie so far beside a box.
     gate: float = bounded(2.5, 0.1, 100)
     """Largest difference between a point's distance and that guessed from the image, in standard deviations."""
     depth_margin_m: float = bounded(0.7, 0, 100)
@@ -69,16 +67,11 @@ def label_points(
             rows = rows[one.score > best[rows]]
             instance[rows], best[rows] = len(known), one.score
             known.append(one)
-        height = np.maximum(height, np.where(view.hidden_rows(len(cloud)), 0.0, _car_heights(rig, name, cloud, uv)))
+        model, ray = rig.cameras[name], cloud.xyz - rig.body_T_sensor(name)[:3, 3]
+        distance = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1.0)
+        tall = np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"].height_m / distance, 0.0)
+        height = np.maximum(height, np.where(view.hidden, 0.0, tall))
     return Observed(tuple(known), instance, height)
-
-
-def _car_heights(rig: Rig, camera: str, cloud: FusedCloud, uv: Float64) -> Float64:
-    """Height (N,) [px] of cars at points with pixels (N, 2), 0 out of view."""
-    model = rig.cameras[camera]
-    ray = cloud.xyz - rig.body_T_sensor(camera)[:3, 3]
-    distance = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1.0)
-    return np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"].height_m / distance, 0.0)
 
 
 class _View:
@@ -93,7 +86,7 @@ class _View:
         self._is_echo = cloud.source[self._rows] == int(Source.R)
         self._moving = cloud.is_moving[self._rows]
         self._free = np.ones(len(self._rows), np.bool_)
-        self._hidden = np.zeros(len(self._rows), np.bool_)
+        self.hidden = np.zeros(len(uv), np.bool_)  # which points of the cloud lie behind objects so far
         self._focal_px = float(rig.cameras[camera].K[0, 0])
 
     def take(self, one: CameraObservation, params: SemanticsParams) -> Int64:
@@ -105,7 +98,7 @@ class _View:
         # Radar is too poor at heights to ask for them.
         inside &= ((v > top - params.margin_px) & (v < bottom + params.margin_px)) | self._is_echo
         if one.is_sure:
-            self._hidden |= inside & (self._distance > one.near_m)
+            self.hidden[self._rows] |= inside & (self._distance > one.near_m)
         rows: Int64 = np.flatnonzero(self._free & inside)
         distance = self._distance[rows]
         deviation = np.log(np.maximum(distance, 0.1) / one.near_m) / one.std
@@ -122,15 +115,9 @@ class _View:
         begin = int(np.argmax(support))
         if support[begin] < params.least:
             return rows[:0]
-        taken: Int64 = self._rows[rows[begin : stop[begin]]]
-        self._free[rows[begin : stop[begin]]] = False
-        return taken
-
-    def hidden_rows(self, num: int) -> Bool:
-        """Which of the cloud's `num` points lie behind objects so far."""
-        result = np.zeros(num, np.bool_)
-        result[self._rows] = self._hidden
-        return result
+        taken = rows[begin : stop[begin]]
+        self._free[taken] = False
+        return self._rows[taken]
 
 
 _LARGER = 1.3  # So many times as long as the diagonal of a typical object a cluster of one may be
@@ -171,8 +158,19 @@ def group_points(cloud: FusedCloud, seen: Observed, cluster: Int64, weight: Floa
     """
     num = len(seen.observations)
     group = np.where(cluster >= 0, cluster + num, -1)
-    extent, is_taken = _diagonals(cloud, cluster), np.zeros(len(cloud) + 1, np.bool_)
-    own = _own_points(seen, cluster, weight)
+    sorted_rows = np.argsort(cluster, kind="stable")
+    sorted_rows = sorted_rows[np.searchsorted(cluster[sorted_rows], 0) :]
+    begin, xy = np.flatnonzero(np.diff(cluster[sorted_rows], prepend=-1)), cloud.xyz[sorted_rows, :2]
+    sides = np.maximum.reduceat(xy, begin) - np.minimum.reduceat(xy, begin) if len(xy) else np.zeros((0, 2))
+    extent, is_taken = np.hypot(sides[:, 0], sides[:, 1]), np.zeros(len(cloud) + 1, np.bool_)  # diagonals [m]
+    own, shown = {}, np.flatnonzero(seen.instance >= 0)
+    for one in np.unique(seen.instance[shown]).tolist():
+        rows = shown[seen.instance[shown] == one]
+        in_cluster = rows[cluster[rows] >= 0]
+        if len(in_cluster):
+            best = int(np.argmax(np.bincount(cluster[in_cluster], weight[in_cluster])))
+            rows = in_cluster[cluster[in_cluster] == best]
+        own[one] = rows
     for one in sorted(own, key=lambda one: (-float(weight[own[one]].sum()), one)):
         rows, at = own[one], int(cluster[own[one][0]])
         if at >= 0 and is_taken[at]:
@@ -184,31 +182,6 @@ def group_points(cloud: FusedCloud, seen: Observed, cluster: Int64, weight: Floa
     rows = rows[np.argsort(group[rows], kind="stable")]
     names, first = np.unique(group[rows], return_index=True)
     return Groups(rows, np.append(first, len(rows)), np.where(names < num, names, -1))
-
-
-def _own_points(seen: Observed, cluster: Int64, weight: Float64) -> dict[int, Int64]:
-    """Points of each observation that lie in one cluster, or in none."""
-    shown = np.flatnonzero(seen.instance >= 0)
-    result = {}
-    for one in np.unique(seen.instance[shown]).tolist():
-        rows = shown[seen.instance[shown] == one]
-        in_cluster = rows[cluster[rows] >= 0]
-        if len(in_cluster):
-            best = int(np.argmax(np.bincount(cluster[in_cluster], weight[in_cluster])))
-            rows = in_cluster[cluster[in_cluster] == best]
-        result[one] = rows
-    return result
-
-
-def _diagonals(cloud: FusedCloud, cluster: Int64) -> Float64:
-    """Diagonals of clusters' outlines along x and y (K,) [m]."""
-    rows = np.flatnonzero(cluster >= 0)
-    if not len(rows):
-        return np.zeros(0)
-    rows = rows[np.argsort(cluster[rows], kind="stable")]
-    first, xy = np.flatnonzero(np.diff(cluster[rows], prepend=-1)), cloud.xyz[rows, :2]
-    sides = np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)
-    return np.asarray(np.hypot(sides[:, 0], sides[:, 1]), np.float64)
 
 
 @dataclass(frozen=True, eq=False)

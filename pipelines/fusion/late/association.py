@@ -4,16 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.fusion import observations
 from fbench.pipelines.fusion.kernels import agglomerate
-from fbench.pipelines.fusion.observations import (
-    AT_MIN_SCORE,
-    AssociationParams,
-    CameraObservation,
-    Clusters,
-    Overlap,
-    edges_for_points,
-    measure_overlap,
-)
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, AssociationParams, CameraObservation, Clusters, Overlap
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.rig import Rig
@@ -96,12 +89,12 @@ def _camera_ratios(
         rows = [i for i, s in enumerate(seen) if s.camera == camera]
         own = [seen[i] for i in rows]
         boxes = np.array([s.xyxy_px for s in own])
-        points = measure_overlap(rig, camera, lidar, edges_for_points(boxes))
+        points = observations.measure_overlap(rig, camera, lidar, observations.edges_for_points(boxes))
         # Radar heights are too poor to be used.
         margin = np.maximum(params.bearing_margin_px, 0.1 * (boxes[:, 2] - boxes[:, 0]))
         endless = np.full(len(boxes), np.inf)
         beside = np.column_stack([boxes[:, 0] - margin, -endless, boxes[:, 2] + margin, endless])
-        echoes = measure_overlap(rig, camera, radar, beside)
+        echoes = observations.measure_overlap(rig, camera, radar, beside)
         share[rows] = np.column_stack([points.num_inside, echoes.num_inside]) / np.maximum(total, 1)
         by_lidar = _near_side_ratios(own, points, params.lidar_std_m, 0.0, params.lidar_area_m2, params)
         ratio[rows, :num_lidar] = by_lidar + _shape_ratios(lidar)
@@ -139,16 +132,13 @@ def _near_side_ratios(
 
 
 def _shape_ratios(lidar: Clusters) -> Float64:
-    """What looks (K,) add to the ratios of LiDAR clusters: nearly nothing else looks like a road user, but of those
-    not all do.
-    """
+    """What shapes (K,) add to ratios of LiDAR clusters: few other things look like road users, which don't all do."""
     return np.asarray(np.log(_SHAPELESS + _SHAPELY * np.clip(lidar.score, 0.0, 1.0)), np.float64)
 
 
 def _cluster_ratios(lidar: Clusters, radar: Clusters, eye_m: Float64, params: AssociationParams) -> Float64:
-    """Ratios (K, M) of LiDAR and radar clusters by their middles, seen from `eye_m` (2,).
-
-    Of long vehicles radar sees some part, so that its error along the line of sight grows with the vehicle.
+    """Ratios (K, M) of LiDAR and radar clusters by their middles, seen from `eye_m` (2,). Of long vehicles radar sees
+    some part, so that its error along the line of sight grows with the vehicle.
     """
     a, b = lidar.boxes.center_m[:, None, :2] - eye_m, radar.boxes.center_m[None, :, :2] - eye_m
     reach = np.maximum(np.hypot(b[..., 0], b[..., 1]), 0.1)
@@ -163,9 +153,8 @@ def _cluster_ratios(lidar: Clusters, radar: Clusters, eye_m: Float64, params: As
 
 
 def _ratio_of_cameras(a: CameraObservation, b: CameraObservation, params: AssociationParams) -> float:
-    """Ratio of what two cameras see, as the first of them sees it: directions are sure, distances aren't.
-
-    Vehicles are easily taken for each other.
+    """Ratio of what two cameras see, as the first of them sees it: directions are sure, distances aren't. Vehicles are
+    easily taken for each other.
     """
     if a.camera == b.camera or not (a.label == b.label or (a.label in VEHICLES and b.label in VEHICLES)):
         return NEVER

@@ -16,7 +16,6 @@ from fbench.pipelines.fusion.reliability import (
     saturate,
     sureness,
 )
-from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
@@ -37,10 +36,8 @@ class FusionParams(CheckedParams, prefix="fusion"):
     that, and each that doesn't see it log(1 - the probability that it would).
     """
 
-    association: AssociationParams = field(default_factory=AssociationParams)
-    """What belongs together."""
-    agreement: AgreementParams = field(default_factory=AgreementParams)
-    """How well the sensors work."""
+    association: AssociationParams = field(default_factory=AssociationParams)  # What belongs together.
+    agreement: AgreementParams = field(default_factory=AgreementParams)  # How well the sensors work.
     camera_share: float = bounded(0.5, 0, 1)
     """Boxes down to this share of a camera's `min_score` [0 to 1] count where LiDAR or moving echoes confirm them."""
     prior: float = bounded(0.13, 0, 1)
@@ -53,31 +50,24 @@ class FusionParams(CheckedParams, prefix="fusion"):
     """How far a LiDAR cluster's score is believed [0 to 1] where it is a probability (`lidar.judge=model`)."""
     ruled_weight: float = bounded(0.5, 0, 1)
     """The same where rules give it: what looks like a car by them is often something else."""
-    radar_weight: float = bounded(0.8, 0, 1)
-    """How far the score of moving echoes is believed [0 to 1]."""
+    radar_weight: float = bounded(0.8, 0, 1)  # How far the score of moving echoes is believed [0 to 1].
     standing_weight: float = bounded(0.19, 0, 1)
     """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
     believed [0 to 1]."""
     confirmed_lidar: float = bounded(0.19, 0, 1)
     """Probability that many LiDAR points where a camera sees an object belong to one, whatever their shape [0 to
     1]."""
-    confirmed_radar: float = bounded(0.66, 0, 1)
-    """The same of moving echoes [0 to 1]."""
+    confirmed_radar: float = bounded(0.66, 0, 1)  # The same of moving echoes [0 to 1].
     unlikely: float = bounded(0.2, 1e-6, 1)
     """What a radar or camera reports where something hides it from view is believed as if it saw this share of such
     objects [0 to 1]: most of it are mirrored images, or aren't there."""
-    full_points: float = bounded(8.0, 0.1, 1e6)
-    """Of n points 1 - exp(-n / this) of that is believed."""
-    camera_height_px: float = bounded(12.0, 0.1, 10_000)
-    """Height [px] at which a camera sees every second object."""
+    full_points: float = bounded(8.0, 0.1, 1e6)  # Of n points 1 - exp(-n / this) of that is believed.
+    camera_height_px: float = bounded(12.0, 0.1, 10_000)  # Height [px] at which a camera sees every second object.
     lidar_half_m: float = bounded(40.0, 1, 1e6)
     """Distance [m] at which every second object has enough LiDAR points to be found."""
-    max_range_m: float = bounded(60.0, 1, 1000)
-    """LiDAR and radar aren't expected to see farther objects [m]."""
-    max_detection: float = bounded(0.95, 0, 1)
-    """No sensor sees more than this share of what it could [0 to 1]."""
-    min_score: float = bounded(0.4, 0, 1)
-    """Objects with a lower probability are dropped."""
+    max_range_m: float = bounded(60.0, 1, 1000)  # LiDAR and radar aren't expected to see farther objects [m].
+    max_detection: float = bounded(0.95, 0, 1)  # No sensor sees more than this share of what it could [0 to 1].
+    min_score: float = bounded(0.4, 0, 1)  # Objects with a lower probability are dropped.
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +103,16 @@ def probabilities(evidence: Evidence, reliability: SensorReliability, params: Fu
     It learns from the objects that are probable even though a sensor that should doesn't see them, so that a sensor
     with false alarms doesn't make the others look blind.
     """
-    witnesses = _witnesses(evidence, params)
+    seen = evidence.observations
+    obstacles = seen.lidar.all_xyz  # that hide what is behind them: points as high as cars
+    if seen.plane is not None:
+        height = obstacles[:, 2] - seen.plane.z_m(obstacles)
+        obstacles = obstacles[(height > _HIDES_M[0]) & (height < _HIDES_M[1])]
+    witnesses = [_camera_witness(evidence, name, obstacles, params) for name in seen.working]
+    if len(seen.lidar.all_xyz) + len(seen.lidar.boxes):
+        witnesses.append(_lidar_witness(evidence, obstacles, params))
+    if len(seen.radar.all_xyz) + len(seen.radar.boxes):
+        witnesses.append(_radar_witness(evidence, obstacles, params))
     sure = sureness(_probabilities(evidence, witnesses, reliability, params))
     for w in witnesses:
         reliability.learn(w.name, evidence.distance_m, sure * w.could, w.seen)
@@ -151,17 +150,6 @@ def _probabilities(
     seen, added = np.array(seen_by), np.array(added_by)
     best = np.where(seen, added, -np.inf).max(axis=0)
     return probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
-
-
-def _witnesses(evidence: Evidence, params: FusionParams) -> list[Witness]:
-    seen = evidence.observations
-    obstacles = _obstacles(seen.lidar.all_xyz, seen.plane)
-    result = [_camera_witness(evidence, name, obstacles, params) for name in seen.working]
-    if len(seen.lidar.all_xyz) + len(seen.lidar.boxes):
-        result.append(_lidar_witness(evidence, obstacles, params))
-    if len(seen.radar.all_xyz) + len(seen.radar.boxes):
-        result.append(_radar_witness(evidence, obstacles, params))
-    return result
 
 
 def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: FusionParams) -> Witness:
@@ -220,18 +208,8 @@ def _radar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
     return Witness("radar", "radar", seen, odds, confirmed_odds, could)
 
 
-def _obstacles(xyz: Float64, plane: Plane | None) -> Float64:
-    """Points (M, 3) of those (N, 3) that hide what is behind them: as high as cars."""
-    if plane is None:
-        return xyz
-    height = xyz[:, 2] - plane.z_m(xyz)
-    return xyz[(height > _HIDES_M[0]) & (height < _HIDES_M[1])]
-
-
 def _hidden_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: list[CameraObservation]) -> Float64:
-    """Share (N,) of each object's width that something nearer hides from `eye_m` (2,): LiDAR points (M, 3), or what
-    a camera there sees.
-    """
+    """Share (N,) of objects' widths hidden from `eye_m` (2,) by nearer points (M, 3), or what a camera there sees."""
     nearest = nearest_by_bearing(np.ascontiguousarray(points[:, :2] - eye_m), _BINS)
     for s in boxes:
         begin, end = (int(np.floor(_bin(np.array(s.bearing_rad + side * s.half_rad)))) for side in (-1, 1))

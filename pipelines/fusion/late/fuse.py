@@ -11,14 +11,15 @@ from fbench.pipelines.fusion.kernels import count_near
 from fbench.pipelines.fusion.late.association import Association, associate
 from fbench.pipelines.fusion.late.existence import Evidence, FusionParams, lidar_weight, probabilities
 from fbench.pipelines.fusion.late.place import FusedObject, Observations, place
-from fbench.pipelines.fusion.observations import CameraObservation, Clusters, observe_camera, sort_clusters
+from fbench.pipelines.fusion.observations import CameraObservation, observe_camera, sort_clusters
 from fbench.pipelines.fusion.reliability import SensorReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.radar import RadarView
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, Source
-from fbench.replay.data.rig import Kind, Rig
+from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.iou import iou_bev
 
@@ -65,20 +66,41 @@ class LateFusion:
         params = self._params
         seen = observe(views, params)
         groups = associate(seen.rig, seen.cameras, seen.lidar, seen.radar, seen.radar_eye_m, params.association)
-        groups = [group for group in groups if _may_exist(group, seen, params)]
+        groups = [group for group in groups if self._may_exist(group, seen)]
         objects = [place(group, seen, params.association) for group in groups]
         if not objects:
             return to_boxes([])
         columns = ([getattr(o, name) for o in objects] for name in ("center_m", "size_lwh_m", "yaw_rad"))
         targets = Boxes3D(*(np.array(column) for column in columns))
-        standing = _count_standing(seen.radar, targets)
+        # Echoes of no moving cluster about each object; a handful says nothing.
+        reach = np.hypot(targets.size_lwh_m[:, 0], targets.size_lwh_m[:, 1]) / 2 + _MARGIN_M
+        xy = np.ascontiguousarray(seen.radar.loose[:, :2]), np.ascontiguousarray(targets.center_m[:, :2])
+        num = count_near(*xy, reach).astype(np.float64)
+        standing = np.where(num >= _FEWEST, num, 0.0)
         probability = probabilities(Evidence(seen, groups, targets, standing), self._reliability, params)
         kept = [
-            replace(found, score=float(probability[i]), sources=_sources(groups[i], float(standing[i])))
-            for i, found in enumerate(objects)
+            replace(
+                found,
+                score=float(probability[i]),
+                sources=(int(Source.C) if group.cameras else 0)
+                | (int(Source.L) if group.lidar >= 0 else 0)
+                | (int(Source.R) if group.radar >= 0 or standing[i] > 0 else 0),
+            )
+            for i, (found, group) in enumerate(zip(objects, groups, strict=True))
             if probability[i] > 0 and probability[i] >= params.min_score
         ]
         return to_boxes(_keep_apart(kept))
+
+    def _may_exist(self, group: Association, seen: Observations) -> bool:
+        """Leave out what only cameras see that aren't sure of it, and most of what only LiDAR sees: a street is full of
+        clusters that look like no road user.
+        """
+        if group.lidar < 0 and group.radar < 0:
+            return any(seen.cameras[i].is_sure for i in group.cameras)
+        if group.cameras or group.radar >= 0:
+            return True
+        score = lidar_weight(seen.lidar, self._params) * float(seen.lidar.score[group.lidar])
+        return score >= self._params.min_score / 2
 
 
 def fuse(views: SensorViews, params: FusionParams) -> Boxes3D:
@@ -102,8 +124,8 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
         lidar=sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes),
         radar=of_radar,
         plane=lidar.plane,
-        lidar_eye_m=_eye(rig, "lidar"),
-        radar_eye_m=_eye(rig, "radar"),
+        lidar_eye_m=viewpoint(rig, "lidar"),
+        radar_eye_m=viewpoint(rig, "radar"),
         standing_m=_standing_distances(rig, cameras, of_radar.loose),
     )
 
@@ -119,7 +141,12 @@ def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:
     found = list[CameraObservation]()
     for _, group in groupby(ordered, key=lambda s: s.camera):
         own, scores = list(group), list[float]()
-        share = _measure_coverage(np.array([s.xyxy_px for s in own]))
+        # Share (N, N) of each box that another one, which it isn't in front of, covers.
+        xyxy = np.array([s.xyxy_px for s in own])
+        low, high = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2]), np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
+        area = np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
+        covered = np.prod(np.maximum(high - low, 0.0), axis=2) / np.maximum(area, 1e-9)[:, None]
+        share = np.where(xyxy[:, None, 3] > xyxy[None, :, 3] + _IN_FRONT_PX, 0.0, covered)
         for at, s in enumerate(own):
             surer = [k for k, other in enumerate(scores) if other >= s.score]
             factor = min(max((1.0 - float(share[at, surer].max(initial=0.0))) / (1.0 - _PART), _LEAST), 1.0)
@@ -130,94 +157,49 @@ def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:
     return found
 
 
-def _measure_coverage(xyxy: Float64) -> Float64:
-    """Share (N, N) of each box (N, 4) that another one, which it isn't in front of, covers."""
-    low = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2])
-    high = np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
-    area = np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
-    share = np.prod(np.maximum(high - low, 0.0), axis=2) / np.maximum(area, 1e-9)[:, None]
-    in_front = xyxy[:, None, 3] > xyxy[None, :, 3] + _IN_FRONT_PX
-    return np.where(in_front, 0.0, share)
-
-
 def _standing_distances(rig: Rig, seen: list[CameraObservation], loose: Float64) -> list[float]:
     """Distance of the near side [m] of what each camera box shows, by the stationary echoes (M, 3) in its direction;
     NaN where they say nothing: that at which most of them lie within some meters, by how likely the image makes it.
     """
     result = []
-    for camera in dict.fromkeys(s.camera for s in seen):
+    for camera, observations in groupby(seen, key=lambda s: s.camera):
         uv, _ = project_body(rig, camera, loose)
         eye = rig.body_T_sensor(camera)[:2, 3]
         reach = np.hypot(loose[:, 0] - eye[0], loose[:, 1] - eye[1])
-        result += [_standing_distance(s, uv[:, 0], reach) for s in seen if s.camera == camera]
+        for s in observations:
+            rows = np.flatnonzero((uv[:, 0] > s.xyxy_px[0]) & (uv[:, 0] < s.xyxy_px[2]))
+            deviation = np.log(np.maximum(reach[rows], 0.1) / s.near_m) / s.std
+            inside = np.abs(deviation) < _GATE
+            rows, deviation = rows[inside], deviation[inside]
+            order = np.argsort(reach[rows], kind="stable")
+            distance, likelihood = reach[rows][order], np.exp(-(deviation[order] ** 2) / 2)
+            num = begin = 0
+            if len(rows) > _FEWEST:
+                stop = np.searchsorted(distance, distance + _DEPTH_M)
+                begin = int(np.argmax((stop - np.arange(len(distance))) * likelihood))
+                num = int(stop[begin]) - begin
+            result.append(float(distance[begin + num // 10]) if num > _FEWEST else float("nan"))
     return result
 
 
-def _standing_distance(s: CameraObservation, u_px: Float64, reach_m: Float64) -> float:
-    rows = np.flatnonzero((u_px > s.xyxy_px[0]) & (u_px < s.xyxy_px[2]))
-    deviation = np.log(np.maximum(reach_m[rows], 0.1) / s.near_m) / s.std
-    inside = np.abs(deviation) < _GATE
-    if np.count_nonzero(inside) <= _FEWEST:
-        return float("nan")
-    order = np.argsort(reach_m[rows[inside]], kind="stable")
-    distance, likelihood = reach_m[rows[inside]][order], np.exp(-(deviation[inside][order] ** 2) / 2)
-    stop = np.searchsorted(distance, distance + _DEPTH_M)
-    begin = int(np.argmax((stop - np.arange(len(distance))) * likelihood))
-    num = int(stop[begin]) - begin
-    return float(distance[begin + num // 10]) if num > _FEWEST else float("nan")
-
-
-def _eye(rig: Rig, kind: Kind) -> Float64:
-    """Where the sensors of a kind look from (2,) [m]: the middle between them."""
-    places = [rig.body_T_sensor(name)[:2, 3] for name in rig.sensors(kind)]
-    return np.asarray(np.mean(places, axis=0), np.float64) if places else np.zeros(2)
-
-
-def _may_exist(group: Association, seen: Observations, params: FusionParams) -> bool:
-    """Leave out what only cameras see that aren't sure of it, and most of what only LiDAR sees: a street is full of
-    clusters that look like no road user.
-    """
-    if group.lidar < 0 and group.radar < 0:
-        return any(seen.cameras[i].is_sure for i in group.cameras)
-    alone = not group.cameras and group.radar < 0
-    return not alone or lidar_weight(seen.lidar, params) * float(seen.lidar.score[group.lidar]) >= params.min_score / 2
-
-
-def _count_standing(radar: Clusters, targets: Boxes3D) -> Float64:
-    """Number (N,) of echoes of no moving cluster about each object; 0 where it is a handful."""
-    reach = np.hypot(targets.size_lwh_m[:, 0], targets.size_lwh_m[:, 1]) / 2 + _MARGIN_M
-    xy = np.ascontiguousarray(radar.loose[:, :2]), np.ascontiguousarray(targets.center_m[:, :2])
-    num = count_near(*xy, reach).astype(np.float64)
-    return np.where(num >= _FEWEST, num, 0.0)
-
-
-def _sources(group: Association, standing: float) -> int:
-    camera = int(Source.C) if group.cameras else 0
-    lidar = int(Source.L) if group.lidar >= 0 else 0
-    return camera | lidar | (int(Source.R) if group.radar >= 0 or standing > 0 else 0)
-
-
 def to_boxes(objects: Sequence[FusedObject]) -> Boxes3D:
-    """Boxes by falling score, equal scores by place; the same fields for any number of objects."""
-    ordered = _by_score(objects)
+    """Boxes in the order given; the same fields for any number of objects."""
     return Boxes3D(
-        center_m=np.array([o.center_m for o in ordered]).reshape(-1, 3),
-        size_lwh_m=np.array([o.size_lwh_m for o in ordered]).reshape(-1, 3),
-        yaw_rad=np.array([o.yaw_rad for o in ordered], np.float64),
-        velocity_mps=np.array([o.velocity_mps for o in ordered]).reshape(-1, 3),
-        label=np.array([o.label for o in ordered], np.str_),
-        score=np.array([o.score for o in ordered], np.float64),
-        sources=np.array([o.sources for o in ordered], np.uint8),
+        center_m=np.array([o.center_m for o in objects]).reshape(-1, 3),
+        size_lwh_m=np.array([o.size_lwh_m for o in objects]).reshape(-1, 3),
+        yaw_rad=np.array([o.yaw_rad for o in objects], np.float64),
+        velocity_mps=np.array([o.velocity_mps for o in objects]).reshape(-1, 3),
+        label=np.array([o.label for o in objects], np.str_),
+        score=np.array([o.score for o in objects], np.float64),
+        sources=np.array([o.sources for o in objects], np.uint8),
     )
 
 
-def _by_score(objects: Sequence[FusedObject]) -> list[FusedObject]:
-    return sorted(objects, key=lambda o: (-o.score, *o.center_m.tolist()))
-
-
 def _keep_apart(objects: list[FusedObject]) -> list[FusedObject]:
-    """Leave out objects in the place of more probable ones: nearer to them than the mean of both widths, say."""
-    ordered = _by_score(objects)
+    """Leave out objects in the place of more probable ones: nearer to them than the mean of both widths, say. They come
+    by falling score, equal scores by place.
+    """
+    ordered = sorted(objects, key=lambda o: (-o.score, *o.center_m.tolist()))
     boxes = to_boxes(ordered)
     iou, area = iou_bev(boxes, boxes), boxes.size_lwh_m[:, 0] * boxes.size_lwh_m[:, 1]
     both = iou * (area[:, None] + area[None, :]) / (1 + iou)
@@ -237,9 +219,8 @@ def _keep_apart(objects: list[FusedObject]) -> list[FusedObject]:
 
 
 def are_one(a: FusedObject, b: FusedObject, merge_m: float) -> bool:
-    """Whether two boxes show one object: centers nearer than `merge_m`, or the center of one inside the other.
-
-    The latter matters for long vehicles, of which radar shows only the near end.
+    """Whether two boxes show one object: centers nearer than `merge_m`, or the center of one inside the other. The
+    latter matters for long vehicles, of which radar shows only the near end.
     """
     distance = math.hypot(*(float(p - q) for p, q in zip(a.center_m[:2], b.center_m[:2], strict=True)))
     return distance < merge_m or _holds(a, b) or _holds(b, a)
@@ -253,9 +234,7 @@ def _holds(box: FusedObject, other: FusedObject) -> bool:
 
 
 def _are_in_line(found: FusedObject, other: FusedObject) -> bool:
-    """Whether an object whose distance only a camera guesses is another one, seen twice: it lies in its direction,
-    about as far away.
-    """
+    """Whether what a camera alone places is another object, seen twice: in its direction, about as far away."""
     if found.sources & Source.L or np.isfinite(found.velocity_mps).any():
         return False
     (x, y), (u, v) = (f.center_m[:2].tolist() for f in (found, other))

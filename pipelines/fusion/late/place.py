@@ -1,6 +1,7 @@
 """Place, size and motion of an object, by all observations of it."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,10 +52,7 @@ class FusedObject:
     sources: int = 0  # Bits of `Source`
 
 
-@dataclass(frozen=True, eq=False)
-class _Shape:
-    """Box on the ground by LiDAR."""
-
+class _Shape(NamedTuple):
     xy_m: Float64  # (2,) middle [m]
     size_lwh_m: Float64
     yaw_rad: float
@@ -71,7 +69,10 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
     it points to the radar.
     """
     cameras = [seen.cameras[i] for i in group.cameras]
-    label = _camera_label(cameras)
+    sums: dict[str, float] = {}
+    for s in sorted(cameras, key=lambda s: s.label):
+        sums[s.label] = sums.get(s.label, 0.0) + s.score
+    label = max(sums, key=lambda name: sums[name]) if sums else ""  # the first by name on ties
     shape, radar_box = None, None if group.radar < 0 else seen.radar.boxes[np.array([group.radar])]
     if group.lidar >= 0:
         label = label if group.is_cut else _label_with_lidar(label, cameras, seen, group.lidar)
@@ -85,23 +86,21 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
         # Only LiDAR's class says how long it is: what cameras call a truck may be a van.
         is_known = group.lidar >= 0 and label == _lidar_label(seen.lidar, group.lidar)
         estimates.append(_radar_estimate(radar_box, size if is_known else radar_box.size_lwh_m[0], yaw, params))
-    xy = _join(estimates)
+    total = sum((weight for _, weight in estimates), np.zeros((2, 2)))
+    x, y = sum((weight[:, 0] * xy[0] + weight[:, 1] * xy[1] for xy, weight in estimates), np.zeros(2))
+    determinant = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]
+    xy = np.array([total[1, 1] * x - total[0, 1] * y, total[0, 0] * y - total[1, 0] * x]) / determinant
     if not label:
         label = "truck" if size[0] > LONG_M else "van" if size[0] > LONG_CAR_M and size[2] > HIGH_VAN_M else "car"
     velocity = np.full(3, np.nan)
     if radar_box is not None and radar_box.velocity_mps is not None:
         velocity = radar_box.velocity_mps[0]
-        if shape is not None and shape.has_heading:
-            velocity = _along_heading(velocity, yaw)
+        speed, bearing = float(np.hypot(*velocity[:2])), float(np.arctan2(velocity[1], velocity[0]))
+        share = float(np.cos(yaw - bearing))  # NaN stays
+        is_told = shape is not None and shape.has_heading and np.isfinite(speed) and speed != 0.0
+        if is_told and abs(share) * _MOST_STRETCH >= 1.0:
+            velocity = np.array([np.cos(yaw), np.sin(yaw), 0.0]) * speed / share
     return FusedObject(np.array([*xy, _middle_z(seen, group, xy, float(size[2]))]), size, yaw, velocity, label)
-
-
-def _camera_label(cameras: list[CameraObservation]) -> str:
-    """Label with the largest sum of scores, the first by name on ties."""
-    sums: dict[str, float] = {}
-    for s in sorted(cameras, key=lambda s: s.label):
-        sums[s.label] = sums.get(s.label, 0.0) + s.score
-    return max(sums, key=lambda name: sums[name]) if sums else ""
 
 
 def _lidar_label(lidar: Clusters, at: int) -> str:
@@ -110,9 +109,7 @@ def _lidar_label(lidar: Clusters, at: int) -> str:
 
 
 def _label_with_lidar(label: str, cameras: list[CameraObservation], seen: Observations, at: int) -> str:
-    """Label by camera and LiDAR: cameras know classes better, LiDAR sizes, so that it decides where an object is larger
-    than what the camera takes it for.
-    """
+    """Label by camera, which knows classes better, unless LiDAR, which knows sizes, shows that it is larger."""
     own = _lidar_label(seen.lidar, at)
     if not own or not label:
         return own or label
@@ -225,24 +222,6 @@ def _radar_estimate(box: Boxes3D, size: Float64, yaw_rad: float, params: Associa
 def _estimate(xy: Float64, axis_rad: float, std_along_m: float, std_across_m: float) -> _Estimate:
     forward, left = _axes(axis_rad)
     return xy, np.outer(forward, forward) / std_along_m**2 + np.outer(left, left) / std_across_m**2
-
-
-def _join(estimates: list[_Estimate]) -> Float64:
-    """Mean (2,) [m]."""
-    total = sum((weight for _, weight in estimates), np.zeros((2, 2)))
-    x, y = sum((weight[:, 0] * xy[0] + weight[:, 1] * xy[1] for xy, weight in estimates), np.zeros(2))
-    determinant = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]
-    xy = np.array([total[1, 1] * x - total[0, 1] * y, total[0, 0] * y - total[1, 0] * x])
-    return np.asarray(xy / determinant, np.float64)
-
-
-def _along_heading(radial_mps: Float64, yaw_rad: float) -> Float64:
-    """Velocity (3,) whose part along the line of sight is that measured; NaN stays."""
-    speed, bearing = float(np.hypot(*radial_mps[:2])), float(np.arctan2(radial_mps[1], radial_mps[0]))
-    share = float(np.cos(yaw_rad - bearing))
-    if not np.isfinite(speed) or speed == 0.0 or abs(share) * _MOST_STRETCH < 1.0:
-        return radial_mps
-    return np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0]) * speed / share
 
 
 def _middle_z(seen: Observations, group: Association, xy: Float64, height_m: float) -> float:

@@ -1,20 +1,27 @@
-"""The camera detector: one image in, labeled boxes out."""
+"""The camera detector: one image in, labeled boxes out, by all cameras of a rig; timed."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from fbench.pipelines.models.weights import AUTO, Weights, resolve
-from fbench.pipelines.sensors.camera.layouts import SIDE_PX, Candidates, Size, join
+from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Candidates, Size
 from fbench.pipelines.sensors.camera.model import Batch, Model
 from fbench.replay.contracts.errors import ConfigError, ModelError
-from fbench.replay.contracts.params import require_between
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded, require_between
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.arrays import Float64, Text, freeze_fields
 from fbench.replay.data.boxes import VEHICLES
-from fbench.replay.data.images import Pixels
+from fbench.replay.data.frames import Fault, Frame
+from fbench.replay.data.images import Pixels, decode
+from fbench.replay.data.messages import Image
+from fbench.replay.data.metadata import SIMULATED
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.geometry.camera import require_projection
 from fbench.replay.geometry.iou import iou_2d
 from fbench.replay.geometry.kernels import num_threads
 
@@ -74,16 +81,15 @@ def windows(size_wh: Size, aspect: float, overlap: float) -> list[Window]:
 
 
 def to_image(boxes: Candidates, window: Window, size_wh: Size, margin_px: float = 3.0) -> Candidates:
-    """Move boxes from a window to the image, without those that the window's inner border cuts.
-
-    A cut box is only a part of an object, which a neighboring window or the whole image shows in full.
+    """Move boxes from a window to the image, without those that the window's inner border cuts. A cut box is only a
+    part of an object, which a neighboring window or the whole image shows in full.
     """
     left, top, right, bottom = window
     inner = np.array([left > 0, top > 0, right < size_wh[0], bottom < size_wh[1]])
     clipped = boxes.clip((right - left, bottom - top))
     gap = np.abs(clipped.xyxy - np.array([0.0, 0.0, right - left, bottom - top]))
     whole = ~((gap < margin_px) & inner).any(axis=1)
-    return clipped.rows(whole).move((1.0, 1.0), (float(left), float(top)))
+    return clipped[whole].move((1.0, 1.0), (float(left), float(top)))
 
 
 def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates:
@@ -94,65 +100,51 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
 
     All vehicles are one group, since one object can come back as bus and as truck; others are groups by label.
     """
-    boxes = join(parts).sort()
-    boxes = boxes.rows(np.arange(min(len(boxes), MAX_BOXES)))
+    boxes = Candidates.join([*parts, NO_CANDIDATES]).sort()[:MAX_BOXES]
     group = np.where(np.isin(boxes.label, VEHICLES), "vehicle", boxes.label)
-    rivals = (iou_2d(boxes.xyxy, boxes.xyxy) > iou) | (_containment(boxes.xyxy) > containment)
+    xyxy = boxes.xyxy
+    low, high = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2]), np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
+    overlap, area = np.prod(np.clip(high - low, 0, None), axis=2), np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
+    rivals = (iou_2d(xyxy, xyxy) > iou) | (overlap / np.minimum(area[:, None], area[None, :]) > containment)
     rivals &= group[:, None] == group[None, :]
     alive = np.ones(len(boxes), bool)
     for i in range(len(boxes)):
         if alive[i]:
             alive[i + 1 :] &= ~rivals[i, i + 1 :]
-    return boxes.rows(alive)
-
-
-def _containment(xyxy: Float64) -> Float64:
-    """Intersection of each two boxes by the area of the smaller one (N, N)."""
-    low = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2])
-    high = np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
-    overlap = np.prod(np.clip(high - low, 0, None), axis=2)
-    area = np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
-    share: Float64 = overlap / np.minimum(area[:, None], area[None, :])
-    return share
+    return boxes[alive]
 
 
 _THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
 
 
 @dataclass(frozen=True)
-class CameraParams:
+class CameraParams(CheckedParams, prefix="camera"):
     """Parameters of the camera detector."""
 
     weights: Weights = AUTO
     """An ONNX file, or a name of `fbench weights list`; `auto` is fbench's own on simulated logs, and on others none;
     with `none` the camera isn't used.
     """
-    min_score: float | None = None
+    min_score: float | None = bounded(None, 0, 1)
     """Boxes with a lower score are dropped. Unless set, this and the next two are what the weights' metadata say under
     these names, else 0.6, 0.5 and 0.9.
     """
-    nms_iou: float | None = None
+    nms_iou: float | None = bounded(None, 0, 1)
     """Of two boxes of one group that overlap more than this, the one with the higher score stays."""
-    nms_containment: float | None = None
+    nms_containment: float | None = bounded(None, 0, 1)
     """The same for a box of which more than this share lies inside the other."""
     tiles: bool = True
     """Look also at overlapping windows of very wide or tall images, since far objects vanish when these are shrunk."""
-    tile_aspect: float = 2.0
+    tile_aspect: float = bounded(2.0, 1)
     """Longer by shorter side of such a window; images up to this aspect are looked at as a whole only."""
-    tile_overlap: float = 0.1
-    """Least share of a window by which neighbors overlap."""
+    tile_overlap: float = bounded(0.1, 0, 0.9)  # Least share of a window by which neighbors overlap.
     input_wh: tuple[int, int] | None = None
     """Width and height of the model's input [px], for models that leave it free."""
-    threads: int = 2
+    threads: int = bounded(2, 1)
     """Threads of onnxruntime at most, and no more than there are processors; results are the same for any number."""
 
     def __post_init__(self) -> None:
-        for name in _THRESHOLDS:
-            if getattr(self, name) is not None:
-                require_between(f"camera.{name}", getattr(self, name), 0.0, 1.0)
-        require_between("camera.tile_aspect", self.tile_aspect, 1.0)
-        require_between("camera.tile_overlap", self.tile_overlap, 0.0, 0.9)
-        require_between("camera.threads", self.threads, 1)
+        super().__post_init__()
         for side in self.input_wh or ():
             require_between("camera.input_wh", side, *SIDE_PX)
         object.__setattr__(self, "weights", resolve(self.weights))
@@ -185,9 +177,7 @@ class Prepared:
 
 
 class CameraDetector:
-    """Finds road users in images with one ONNX model. Raises ConfigError where no weights are named, or the file is
-    missing. Raises ModelError where the weights can't be used.
-    """
+    """Finds road users with an ONNX model. Raises ConfigError without weights or file, ModelError where unusable."""
 
     def __init__(self, params: CameraParams) -> None:
         if not isinstance(params.weights, Path):
@@ -219,3 +209,98 @@ class CameraDetector:
         ]
         merged = merge(parts, self._thresholds.nms_iou, self._thresholds.nms_containment)
         return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label, self._thresholds.min_score)
+
+
+CITY_WEIGHTS = Path(__file__).with_name("city.onnx")  # See `docs/detector.md`
+
+
+def with_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str, CameraParams]:
+    """Return the parameters of all cameras, with the built-in weights in place of `auto` where the log is simulated."""
+    if SIMULATED not in log_info.metadata:
+        return dict(own)
+    return {
+        name: replace(params, weights=CITY_WEIGHTS) if params.weights == AUTO else params
+        for name, params in own.items()
+    }
+
+
+def builtin_identity(own: Mapping[str, CameraParams], asked: CameraParams) -> dict[str, object]:
+    """Return what the manifest says of built-in weights, where cameras use them."""
+    used = [name for name, params in own.items() if params.weights == CITY_WEIGHTS]
+    if asked.weights == AUTO:
+        used = ["camera"] if used else []
+    return {f"{name}.weights": describe_file(CITY_WEIGHTS) for name in used if asked.weights != CITY_WEIGHTS}
+
+
+def look(
+    detector: CameraDetector, image: Image, clock: StageClock, faults: list[Fault], share: float = 1.0
+) -> CameraDetections | None:
+    """Detect road users in one image; where it is corrupt, append a fault and return `None`.
+
+    With a `share` below 1 also those that other sensors may confirm: down to that share of the camera's `min_score`.
+
+    Timed as `decode`, `preprocess` and `detect.camera`. Raises ModelError where the model fails.
+    """
+    with clock.stage("decode"):
+        pixels = decode(image)
+    if pixels is None:
+        faults.append(Fault("DEC002", f"{image.sensor} at stamp {image.stamp_ns}"))
+        return None
+    with clock.stage("preprocess"):
+        prepared = detector.prepare(pixels)
+    with clock.stage("detect.camera"):
+        return detector.infer(prepared, share)
+
+
+NO_WEIGHTS = "no weights"  # Why a camera for which no detector is named isn't used
+
+
+class CameraStage:
+    """Loads the weights that parameters name, once for all logs; those of the kind at once.
+
+    With a `share` below 1 boxes down to that share of a camera's `min_score` are found, for other sensors to confirm.
+    Raises ConfigError where the file with the weights is missing. Raises ModelError where the weights can't be used.
+    """
+
+    def __init__(self, params: CameraParams, share: float = 1.0) -> None:
+        self._params, self._share, self._loaded = params, share, dict[CameraParams, CameraDetector]()
+        self._load(params)
+        self.used: Mapping[str, CameraDetector] = {}  # Detectors of the cameras that have weights, by their names
+        self.missing: Mapping[str, str] = {}  # The other cameras of the rig, with the reason
+        self.identity: Mapping[str, object] = {}  # Which weights are used, where no parameter names them
+
+    def start(self, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> None:
+        """Take all cameras of the rig, each with its own parameters; see the class for what is raised. On simulated
+        logs `auto` is the built-in detector.
+        """
+        own = with_builtin(settings.own("camera", self._params), log_info)
+        found = {name: self._load(params) for name, params in own.items()}
+        self._rig, self.identity, cameras = rig, builtin_identity(own, self._params), rig.sensors("camera")
+        self.used = {name: detector for name in cameras if (detector := found.get(name)) is not None}
+        self.missing = {name: NO_WEIGHTS for name in cameras if name not in self.used}
+
+    def _load(self, params: CameraParams) -> CameraDetector | None:
+        if not isinstance(params.weights, Path):
+            return None
+        if params not in self._loaded:
+            self._loaded[params] = CameraDetector(params)
+        return self._loaded[params]
+
+    def require_projections(self) -> None:
+        """Refuse used cameras without a projection. Raises LogError naming the first one, and why."""
+        for name in self.used:
+            require_projection(self._rig, name)
+
+    def view(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> dict[str, CameraDetections]:
+        """Detect in the images of one frame, by camera in the order of their names.
+
+        Cameras without an image in the frame are left out; so are those whose image is corrupt, which is a fault. Timed
+        as `decode`, `preprocess` and `detect.camera`. Raises ModelError where a model fails.
+        """
+        found: dict[str, CameraDetections] = {}
+        for name, detector in self.used.items():
+            if isinstance(image := frame.messages.get(name), Image):
+                seen = look(detector, image, clock, faults, self._share)
+                if seen is not None:
+                    found[name] = seen
+        return found

@@ -1,42 +1,35 @@
 """Families of camera detectors (YOLO, YOLOX, DETR, torchvision), recognized from a model's header."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from functools import cache
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 
-from fbench.pipelines.sensors.camera.layouts import (
-    COCO_80,
-    COCO_91,
-    SIDE_PX,
-    Candidates,
-    ClassLabels,
-    Layout,
-    ModelHeader,
-    Port,
-    Size,
-    corners_of,
-    labels_by_name,
-    letterbox,
-    parse_names,
-    place,
-    planes,
-    select,
-    squash,
-    usable,
-)
+from fbench.pipelines.sensors.camera import layouts
+from fbench.pipelines.sensors.camera.layouts import Candidates, ClassLabels, Layout, ModelHeader, Placement, Port, Size
 from fbench.replay.contracts.errors import ModelError
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.images import Pixels
 
 
+def _fit(images: Sequence[Pixels], placements: Sequence[Placement], input_wh: Size, *, bgr: bool = False) -> Array:
+    """Scale images (H, W, 3) BGR into an input (B, 3, H, W): RGB 0..1, or BGR 0..255."""
+    placed = [layouts.place(image, how, input_wh) for image, how in zip(images, placements, strict=True)]
+    return layouts.planes(placed, rgb=not bgr, unit=not bgr)
+
+
+def _sizes(images: Sequence[Pixels]) -> list[Size]:
+    return [(image.shape[1], image.shape[0]) for image in images]
+
+
 @dataclass(frozen=True)
 class Detr:
-    """Inputs `images` (B, 3, H, W) RGB 0..1, squashed, and `orig_target_sizes` (B, 2) width, height.
-
-    Outputs `labels` (B, N), `boxes` (B, N, 4) left, top, right, bottom, `scores` (B, N).
+    """Inputs `images` (B, 3, H, W) RGB 0..1, squashed, and `orig_target_sizes` (B, 2) width, height. Outputs `labels`
+    (B, N), `boxes` (B, N, 4) left, top, right, bottom, `scores` (B, N).
     """
 
     image_input: str
@@ -48,19 +41,14 @@ class Detr:
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Squash each image into the input, whatever its aspect ratio."""
-        sizes = [(image.shape[1], image.shape[0]) for image in images]
-        placed = [
-            place(image, squash(size, self.input_wh), self.input_wh) for image, size in zip(images, sizes, strict=True)
-        ]
-        return {
-            self.image_input: planes(placed, rgb=True, unit=True),
-            self.size_input: np.array(sizes, np.int64).reshape(-1, 2),
-        }
+        sizes = _sizes(images)
+        placed = _fit(images, [layouts.squash(size, self.input_wh) for size in sizes], self.input_wh)
+        return {self.image_input: placed, self.size_input: np.array(sizes, np.int64).reshape(-1, 2)}
 
     def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
         """Take the boxes as they are: they are in pixels of the source already."""
         label, xyxy, score = (outputs[i] for i in self.output_order)
-        return [select(xyxy[i], score[i], label[i], self.labels, min_score) for i in range(len(sizes_wh))]
+        return [layouts.select(xyxy[i], score[i], label[i], self.labels, min_score) for i in range(len(sizes_wh))]
 
 
 @dataclass(frozen=True)
@@ -76,18 +64,40 @@ class Torchvision:
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Feed one image, squashed only where the model's input has a fixed size."""
-        image = images[0]
-        size = (image.shape[1], image.shape[0])
+        (size,) = _sizes(images[:1])
         wanted = self.input_wh or size
-        fitted = image if size == wanted else place(image, squash(size, wanted), wanted)
-        values = planes([fitted], rgb=True, unit=True)
+        fitted = images[0] if size == wanted else layouts.place(images[0], layouts.squash(size, wanted), wanted)
+        values = layouts.planes([fitted], rgb=True, unit=True)
         return {self.image_input: values if self.batch_axis else values[0]}
 
     def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
         """Move the boxes back to the image."""
         label, xyxy, score = (outputs[i] for i in self.output_order)
-        boxes = select(xyxy, score, label, self.labels, min_score)
-        return [squash(sizes_wh[0], self.input_wh or sizes_wh[0]).back(boxes)]
+        boxes = layouts.select(xyxy, score, label, self.labels, min_score)
+        return [layouts.squash(sizes_wh[0], self.input_wh or sizes_wh[0]).back(boxes)]
+
+
+class _Letterboxed(ABC):
+    image_input: str
+    input_wh: Size
+    labels: ClassLabels
+    centered: ClassVar[bool]  # Whether images are in the middle of an input RGB 0..1, or upper left in BGR 0..255
+
+    def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
+        """Letterbox each image to its place in the input."""
+        placements = [self._placement(size) for size in _sizes(images)]
+        return {self.image_input: _fit(images, placements, self.input_wh, bgr=not self.centered)}
+
+    def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
+        """Move the boxes back to each image."""
+        images = zip(outputs[0], sizes_wh, strict=True)
+        return [self._placement(size).back(self._boxes(raw, min_score)) for raw, size in images]
+
+    def _placement(self, size: Size) -> Placement:
+        return layouts.letterbox(size, self.input_wh, centered=self.centered)
+
+    @abstractmethod
+    def _boxes(self, raw: Array, min_score: float) -> Candidates: ...
 
 
 Head: TypeAlias = Literal["objectness", "classes", "final"]
@@ -96,7 +106,7 @@ Head: TypeAlias = Literal["objectness", "classes", "final"]
 
 
 @dataclass(frozen=True)
-class Ultralytics:
+class Ultralytics(_Letterboxed):
     """Input (B, 3, H, W) RGB 0..1, letterboxed to the middle; one output, see `Head`."""
 
     image_input: str
@@ -104,42 +114,23 @@ class Ultralytics:
     head: Head
     labels: ClassLabels
     batch: int | None
+    centered = True
 
-    def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
-        """Letterbox each image to the middle of the input."""
-        placed = [
-            place(image, letterbox((image.shape[1], image.shape[0]), self.input_wh, centered=True), self.input_wh)
-            for image in images
-        ]
-        return {self.image_input: planes(placed, rgb=True, unit=True)}
-
-    def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
-        """Move the boxes back to each image."""
-        results = []
-        for raw, size in zip(outputs[0], sizes_wh, strict=True):
-            boxes = self._boxes(self._rows(raw, min_score), min_score)
-            results.append(letterbox(size, self.input_wh, centered=True).back(boxes))
-        return results
-
-    def _rows(self, raw: Array, min_score: float) -> Float64:
-        """Rows as `Head` says, a box each; where that is quickly told, only of those that score enough, mostly few."""
-        if self.head != "classes":
-            return np.asarray(raw, np.float64)
-        likely = np.asarray(raw[4:].max(axis=0), np.float64) >= min_score
-        return np.asarray(raw[:, likely].T, np.float64)
-
-    def _boxes(self, rows: Float64, min_score: float) -> Candidates:
-        rows = rows[usable(rows)]
+    def _boxes(self, raw: Array, min_score: float) -> Candidates:
+        if self.head == "classes":  # where it is quickly told, only rows that score enough, mostly few
+            raw = raw[:, np.asarray(raw[4:].max(axis=0), np.float64) >= min_score].T
+        rows = np.asarray(raw, np.float64)
+        rows = rows[layouts.usable(rows)]
         if self.head == "final":
-            return select(rows[:, :4], rows[:, 4], np.rint(rows[:, 5]), self.labels, min_score)
+            return layouts.select(rows[:, :4], rows[:, 4], np.rint(rows[:, 5]), self.labels, min_score)
         class_scores = rows[:, 5:] * rows[:, 4:5] if self.head == "objectness" else rows[:, 4:]
         class_id = np.argmax(class_scores, axis=1)
         score = np.take_along_axis(class_scores, class_id[:, None], axis=1)[:, 0]
-        return select(corners_of(rows), score, class_id, self.labels, min_score)
+        return layouts.select(layouts.corners_of(rows), score, class_id, self.labels, min_score)
 
 
 @dataclass(frozen=True)
-class YoloX:
+class YoloX(_Letterboxed):
     """Input (B, 3, H, W) BGR 0..255, letterboxed to the upper left; output (B, cells, 5 + classes)."""
 
     image_input: str
@@ -147,42 +138,22 @@ class YoloX:
     strides: tuple[int, ...]
     labels: ClassLabels
     batch: int | None
+    centered = False
 
-    def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
-        """Letterbox each image to the upper left corner of the input."""
-        placed = [
-            place(image, letterbox((image.shape[1], image.shape[0]), self.input_wh, centered=False), self.input_wh)
-            for image in images
-        ]
-        return {self.image_input: planes(placed, rgb=False, unit=False)}
-
-    def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
-        """Decode the grid and move the boxes back to each image."""
-        cells = grid(self.input_wh, self.strides)
-        results = []
-        for raw, size in zip(outputs[0], sizes_wh, strict=True):
-            boxes = self._boxes(np.asarray(raw, np.float64), cells, min_score)
-            results.append(letterbox(size, self.input_wh, centered=False).back(boxes))
-        return results
-
-    def _boxes(self, raw: Float64, cells: Float64, min_score: float) -> Candidates:
-        decoded = is_decoded(raw, self.input_wh)
-        likely = usable(raw) & (raw[:, 4] >= min_score)
-        raw, cells = raw[likely], cells[likely]
-        xyxy = corners_of(raw if decoded else decode_grid(raw[:, :4], cells))
+    def _boxes(self, raw: Array, min_score: float) -> Candidates:
+        raw = np.asarray(raw, np.float64)
+        # Centers reach all parts of the input where the export did the grid's arithmetic itself (YOLOX's
+        # `--decode_in_inference`); plain outputs stay within a few cells.
+        is_decoded = (raw[:, :2].max(axis=0) > np.array(self.input_wh) / 2).all()
+        likely = layouts.usable(raw) & (raw[:, 4] >= min_score)
+        raw, cells = raw[likely], grid(self.input_wh, self.strides)[likely]
+        xyxy = layouts.corners_of(raw if is_decoded else decode_grid(raw[:, :4], cells))
         class_id = np.argmax(raw[:, 5:], axis=1)
         score = raw[:, 4] * np.take_along_axis(raw[:, 5:], class_id[:, None], axis=1)[:, 0]
-        return select(xyxy, score, class_id, self.labels, min_score)
+        return layouts.select(xyxy, score, class_id, self.labels, min_score)
 
 
-def is_decoded(raw: Float64, input_wh: Size) -> bool:
-    """Tell whether the export did the grid's arithmetic itself (YOLOX's `--decode_in_inference`).
-
-    Centers then reach all parts of the input, while plain outputs stay within a few cells.
-    """
-    return bool((raw[:, :2].max(axis=0) > np.array(input_wh) / 2).all())
-
-
+@cache
 def grid(input_wh: Size, strides: tuple[int, ...]) -> Float64:
     """Column, row and stride (cells, 3) of every cell, row by row, level by level."""
     levels = []
@@ -210,17 +181,22 @@ def recognize(header: ModelHeader, input_wh: Size | None = None) -> Layout:
     """Return the layout of a model; `input_wh` sets the input's size where the header leaves it free. Raises ModelError
     where inputs or outputs aren't understood, or `input_wh` contradicts the header.
     """
-    image = _image_input(header)
+    images = [p for p in header.inputs if len(p.shape) in (3, 4) and p.dtype in _FLOATS and p.shape[-3] in (3, None)]
+    if len(images) != 1:
+        raise ModelError(f"expected one float32 image input (B, 3, H, W): {describe(header)}")
+    image = images[0]
     _check_size(image, input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX))
-    outputs = {port.name.lower(): i for i, port in enumerate(header.outputs)}
     size_input = [port for port in header.inputs if port.name == "orig_target_sizes"]
-    order = _order(outputs) or _torchvision_order(header)
+    order = _order(header)
     if order and size_input and len(header.inputs) == 2 and len(image.shape) == 4:
         size = _size(image, input_wh) or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
-        labels = _labels(header.metadata, COCO_80)
+        labels = _labels(header.metadata, layouts.COCO_80)
         return Detr(image.name, size_input[0].name, order, size, labels, image.shape[0])
     if order and len(header.inputs) == 1:
-        return _torchvision(header, image, order, input_wh)
+        if len(header.outputs[order[1]].shape) != 2:
+            raise ModelError(f"outputs aren't understood: {describe(header)}")
+        labels = _labels(header.metadata, layouts.COCO_91)
+        return Torchvision(image.name, _size(image, input_wh), len(image.shape) == 4, order, labels)
     if len(header.inputs) == 1 and len(header.outputs) == 1 and len(header.outputs[0].shape) == 3:
         return _yolo(header, image, header.outputs[0].shape, input_wh)
     raise ModelError(f"outputs aren't understood: {describe(header)}")
@@ -233,13 +209,6 @@ def describe(header: ModelHeader) -> str:
 
 def _ports(ports: tuple[Port, ...]) -> str:
     return ", ".join(f"{p.name} ({', '.join('?' if s is None else str(s) for s in p.shape)})" for p in ports[:6])
-
-
-def _image_input(header: ModelHeader) -> Port:
-    images = [p for p in header.inputs if len(p.shape) in (3, 4) and p.dtype in _FLOATS and p.shape[-3] in (3, None)]
-    if len(images) != 1:
-        raise ModelError(f"expected one float32 image input (B, 3, H, W): {describe(header)}")
-    return images[0]
 
 
 def _size(image: Port, input_wh: Size | None) -> Size | None:
@@ -256,7 +225,7 @@ def _check_size(image: Port, free_wh: Size) -> None:
     batch = (image.shape[:-3] or (1,))[0]
     height, width = image.shape[-2:]
     sides = [free_wh[0] if width is None else width, free_wh[1] if height is None else height]
-    low, high = SIDE_PX
+    low, high = layouts.SIDE_PX
     if not all(low <= side <= high for side in sides):
         raise ModelError(f"expected an input of {low} to {high} px a side, its header says {_ports((image,))}")
     if batch is not None and not 1 <= batch * math.prod(sides) <= MAX_CALL_PX:
@@ -264,17 +233,14 @@ def _check_size(image: Port, free_wh: Size) -> None:
 
 
 def _labels(metadata: Mapping[str, str], default: ClassLabels) -> ClassLabels:
-    return labels_by_name(parse_names(metadata["names"])) if "names" in metadata else default
+    return layouts.labels_by_name(layouts.parse_names(metadata["names"])) if "names" in metadata else default
 
 
-def _order(outputs: Mapping[str, int]) -> tuple[int, int, int] | None:
-    if len(outputs) != 3 or not {"labels", "boxes", "scores"} <= set(outputs):
-        return None
-    return outputs["labels"], outputs["boxes"], outputs["scores"]
-
-
-def _torchvision_order(header: ModelHeader) -> tuple[int, int, int] | None:
-    """Find labels, boxes and scores by shape and type, since exports often have numbers for names."""
+def _order(header: ModelHeader) -> tuple[int, int, int] | None:
+    """Find labels, boxes and scores by name, else by shape and type, since exports often have numbers for names."""
+    outputs = {port.name.lower(): i for i, port in enumerate(header.outputs)}
+    if len(outputs) == 3 and set(outputs) == {"labels", "boxes", "scores"}:
+        return outputs["labels"], outputs["boxes"], outputs["scores"]
     kinds = [(len(p.shape), p.dtype) for p in header.outputs]
     wanted = ((1, "tensor(int64)"), (2, "tensor(float)"), (1, "tensor(float)"))
     if sorted(kinds) != sorted(wanted) or header.outputs[kinds.index(wanted[1])].shape[1] not in (4, None):
@@ -282,31 +248,20 @@ def _torchvision_order(header: ModelHeader) -> tuple[int, int, int] | None:
     return kinds.index(wanted[0]), kinds.index(wanted[1]), kinds.index(wanted[2])
 
 
-def _torchvision(header: ModelHeader, image: Port, order: tuple[int, int, int], input_wh: Size | None) -> Torchvision:
-    if len(header.outputs[order[1]].shape) != 2:
-        raise ModelError(f"outputs aren't understood: {describe(header)}")
-    size = _size(image, input_wh)
-    return Torchvision(image.name, size, len(image.shape) == 4, order, _labels(header.metadata, COCO_91))
-
-
 def _yolo(header: ModelHeader, image: Port, shape: tuple[int | None, ...], input_wh: Size | None) -> Layout:
     """Tell the YOLO families apart: by the number of columns, and of boxes a cell."""
     size = _size(image, input_wh) or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
-    labels, batch = _labels(header.metadata, COCO_80), image.shape[0]
+    labels, batch = _labels(header.metadata, layouts.COCO_80), image.shape[0]
     named = "names" in header.metadata
-    classes = len(parse_names(header.metadata["names"])) if named else 80
+    classes = len(layouts.parse_names(header.metadata["names"])) if named else 80
     _, rows, columns = shape
     if rows == 4 + classes:
         return Ultralytics(image.name, size, "classes", labels, batch)
     if columns == 6 and named and classes != 1:
         return Ultralytics(image.name, size, "final", labels, batch)
-    boxes_a_cell = [(rows or 0) / _cells(size, strides) for strides in STRIDES]
+    boxes_a_cell = [(rows or 0) / sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES]
     if columns == 5 + classes and 1 in boxes_a_cell:
         return YoloX(image.name, size, STRIDES[boxes_a_cell.index(1)], labels, batch)
     if columns == 5 + classes and (3 in boxes_a_cell or named):
         return Ultralytics(image.name, size, "objectness", labels, batch)
     raise ModelError(f"outputs aren't understood for {classes} classes: {describe(header)}")
-
-
-def _cells(size: Size, strides: tuple[int, ...]) -> int:
-    return sum((size[0] // s) * (size[1] // s) for s in strides)

@@ -8,6 +8,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.contracts.errors import ModelError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import LABELS
@@ -15,23 +16,14 @@ from fbench.replay.data.images import Pixels
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
-    """N boxes of one image.
-
-    Coordinates here are distances from the image's upper left corner, so that the image spans 0 to width and
-    scaling an image scales its boxes.
+class Candidates(Rows):
+    """N boxes of one image. Coordinates here are distances from the image's upper left corner, so that the image spans
+    0 to width and scaling an image scales its boxes.
     """
 
     xyxy: Float64  # (N, 4) left, top, right, bottom [px]
     score: Float64  # (N,) 0 to 1
     label: Text  # (N,) of `LABELS`
-
-    def __len__(self) -> int:
-        return len(self.score)
-
-    def rows(self, rows: np.ndarray) -> "Candidates":
-        """Select rows by mask or index array."""
-        return Candidates(self.xyxy[rows], self.score[rows], self.label[rows])
 
     def move(self, scale: tuple[float, float], offset: tuple[float, float]) -> "Candidates":
         """Return the boxes at scale * (x, y) + offset."""
@@ -42,25 +34,14 @@ class Candidates:
         """Cut boxes at the image's border and drop those that are empty or not finite."""
         xyxy = np.clip(self.xyxy, 0.0, np.array(size_wh * 2, np.float64))
         whole = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]) & np.isfinite(self.score)
-        return Candidates(xyxy, self.score, self.label).rows(whole)
+        return Candidates(xyxy, self.score, self.label)[whole]
 
     def sort(self) -> "Candidates":
         """Sort by falling score; equal scores by box, then label, so that the order is always the same."""
-        keys = (self.label, *self.xyxy.T[::-1], -self.score)
-        return self.rows(np.lexsort(keys))
+        return self[np.lexsort((self.label, *self.xyxy.T[::-1], -self.score))]
 
 
-def join(parts: Sequence[Candidates]) -> Candidates:
-    """Put the candidates of several images into one list."""
-    if not parts:
-        return Candidates(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1"))
-    return Candidates(
-        np.concatenate([p.xyxy for p in parts]),
-        np.concatenate([p.score for p in parts]),
-        np.concatenate([p.label for p in parts]),
-    )
-
-
+NO_CANDIDATES = Candidates(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1"))
 PAD_VALUE = 114  # Grey of the border, as YOLO models are trained
 
 
@@ -141,9 +122,7 @@ def labels_by_name(names: Mapping[int, str]) -> ClassLabels:
 
 
 def parse_names(text: str) -> dict[int, str]:
-    """Read the `names` entry of Ultralytics metadata: a Python dict or list, written as text. Raises ModelError where
-    it is anything else.
-    """
+    """Read Ultralytics' entry `names`, a Python dict or list as text. Raises ModelError where it is anything else."""
     try:
         value = ast.literal_eval(text)
     except (ValueError, SyntaxError, MemoryError, RecursionError) as error:

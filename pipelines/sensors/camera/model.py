@@ -5,6 +5,7 @@ those of onnx.proto (ONNX, Apache-2.0).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,10 +32,7 @@ _CHILDREN: Mapping[str, Mapping[int, str]] = {
 
 
 def refers_to_files(data: bytes) -> bool:
-    """Tell whether any tensor of the model is stored outside of `data`.
-
-    Raises ModelError where `data` isn't protobuf.
-    """
+    """Tell whether any tensor of the model is stored outside of `data`. Raises ModelError for what isn't protobuf."""
     todo = [("model", memoryview(data))]
     while todo:
         kind, message = todo.pop()
@@ -96,57 +94,33 @@ def load(path: Path, threads: int) -> Any:
     """Open weights on the CPU. Raises ConfigError where the file is missing. Raises ModelError where it isn't an ONNX
     model, refers to other files, or can't be run.
     """
-    data = _content(path)
-    if refers_to_files(data):
-        raise ModelError("the model keeps weights in other files, export it as one file")
-    try:
-        # Its fallback prints, and tries the same provider again.
-        return onnxruntime.InferenceSession(
-            data, _options(threads), providers=["CPUExecutionProvider"], enable_fallback=0
-        )
-    except ORT_ERRORS as error:
-        raise ModelError(f"not an ONNX model that can be run ({first_line(error)})") from error
-
-
-def _content(path: Path) -> bytes:
     try:
         if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
             raise ConfigError(f"{path}: weights can't be read (not a regular file)")
-        return path.read_bytes()
+        data = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: weights can't be read ({error.strerror or error})") from error
     except ValueError as error:  # a name that no file can have
         raise ConfigError(f"{path}: weights can't be read ({error})") from error
-
-
-def read_header(session: Any) -> ModelHeader:
-    """Inputs, outputs and metadata of a session."""
-    return ModelHeader(
-        tuple(_port(p) for p in session.get_inputs()),
-        tuple(_port(p) for p in session.get_outputs()),
-        dict(session.get_modelmeta().custom_metadata_map),
-    )
-
-
-def first_line(error: Exception) -> str:
-    """The first line of an error's text, shortened."""
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]
-
-
-def _port(value: Any) -> Port:
-    return Port(value.name, value.type, tuple(s if isinstance(s, int) else None for s in value.shape))
-
-
-def _options(threads: int) -> Any:
+    if refers_to_files(data):
+        raise ModelError("the model keeps weights in other files, export it as one file")
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.use_deterministic_compute = True
     # Idle threads that spin cost half as much CPU again, and slow everything where cores are shared.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4  # what matters comes back as an exception
-    return options
+    try:
+        # Its fallback prints, and tries the same provider again.
+        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"], enable_fallback=0)
+    except ORT_ERRORS as error:
+        raise ModelError(f"not an ONNX model that can be run ({first_line(error)})") from error
+
+
+def first_line(error: Exception) -> str:
+    """The first line of an error's text, shortened."""
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]
 
 
 MAX_BATCH_PX = 1 << 24  # Pixels of the inputs of one call, where the model leaves their number free: 200 MB as float32
@@ -173,13 +147,23 @@ class Model:
         self._path = path
         try:
             self._session = load(path, threads)
-            header = read_header(self._session)
+            inputs, outputs = (
+                tuple(Port(p.name, p.type, tuple(s if isinstance(s, int) else None for s in p.shape)) for p in ports)
+                for ports in (self._session.get_inputs(), self._session.get_outputs())
+            )
+            header = ModelHeader(inputs, outputs, dict(self._session.get_modelmeta().custom_metadata_map))
             self._layout = recognize(header, input_wh)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from error
         self._size = self._layout.input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
-        self._num = self._images_a_call()
         self.metadata = header.metadata
+        self._num = self._layout.batch or max(1, MAX_BATCH_PX // (self._size[0] * self._size[1]))
+        with suppress(ModelError):
+            if self._layout.batch is None and self._num > 1:
+                self._try(2)
+                return
+        self._num = self._layout.batch or 1
+        self._try(self._num)
 
     def batches(self, images: Sequence[Pixels]) -> list[Batch]:
         """Fit images (H, W, 3) BGR into inputs, as many a call as the model takes."""
@@ -200,21 +184,6 @@ class Model:
         filled = [*images, *[images[-1]] * (num - len(images))] if self._layout.batch else images
         sizes = [(image.shape[1], image.shape[0]) for image in filled]
         return Batch(self._layout.feeds(filled), sizes, len(images))
-
-    def _images_a_call(self) -> int:
-        most = self._layout.batch or max(1, MAX_BATCH_PX // (self._size[0] * self._size[1]))
-        if self._layout.batch is None and most > 1 and self._takes(2):
-            return most
-        fixed = self._layout.batch or 1
-        self._try(fixed)
-        return fixed
-
-    def _takes(self, num: int) -> bool:
-        try:
-            self._try(num)
-        except ModelError:
-            return False
-        return True
 
     def _try(self, num: int) -> None:
         blank = np.full((self._size[1], self._size[0], 3), PAD_VALUE, np.uint8)

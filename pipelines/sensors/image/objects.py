@@ -4,18 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.sensors.image.params import (
-    FOCAL_PX,
-    ImageClusterParams,
-    RadarImageParams,
-    ShapeParams,
-    cluster_in_image,
-)
+from fbench.pipelines.sensors.image import params as image
+from fbench.pipelines.sensors.image.params import ImageClusterParams, LidarImageParams, RadarImageParams, ShapeParams
 from fbench.pipelines.sensors.lidar.lidar import Obstacles
 from fbench.pipelines.sensors.points.grid import lexicographic_order, median
 from fbench.pipelines.sensors.points.ground import Plane, fit_plane, height_above_ground, lowest_points, surroundings
 from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fading, fit_rectangles
 from fbench.pipelines.sensors.radar.radar import Compensated, median_rate
+from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import project_body
@@ -38,7 +34,7 @@ class Cloud:
     own_mps: Float64  # (N,) the sensor's own velocity towards the points [m/s]; NaN where that isn't known
     period_mps: Float64  # (N,) velocities alias with this period [m/s]; 0: unambiguous
 
-    def rows(self, rows: Array) -> "Cloud":
+    def __getitem__(self, rows: Array) -> "Cloud":
         """Select points by mask or index array."""
         at = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
         return Cloud(
@@ -64,9 +60,8 @@ def of_lidar(found: Obstacles | None, viewpoint: Float64) -> Cloud:
 
 
 def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: float, params: RadarImageParams) -> Cloud:
-    """Cloud of what radars at `viewpoint` (2,) [m] measured; no points where they are too few to tell the ground.
-
-    The order of echoes doesn't matter.
+    """Cloud of what radars at `viewpoint` (2,) [m] measured; no points where they are too few to tell the ground. The
+    order of echoes doesn't matter.
     """
     if echoes is None or len(echoes.xyz) < max(params.min_echoes, 1):
         return empty_cloud()
@@ -84,13 +79,7 @@ def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: floa
         plane, xyz, height, xyz[tall], viewpoint, np.abs(rate) >= min_speed_mps, rate, echoes.own_mps[order],
         echoes.period_mps[order],
     )  # fmt: skip
-    return whole.rows(near & (height > params.ground.tolerance_m) & (height < params.max_height_m))
-
-
-def viewpoint(rig: Rig, kind: str) -> Float64:
-    """Where the sensors of a kind look from, (2,) [m] in body coordinates: the middle between them."""
-    places = [rig.body_T_sensor(name)[:2, 3] for name, mount in sorted(rig.mounts.items()) if mount.kind == kind]
-    return np.mean(places, axis=0) if places else np.zeros(2)
+    return whole[near & (height > params.ground.tolerance_m) & (height < params.max_height_m)]
 
 
 _HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 3.0))
@@ -131,28 +120,9 @@ class Groups:
         return np.asarray(self.cloud.moves[self.first[:-1]], np.bool_)
 
 
-@dataclass(frozen=True, eq=False)
-class Whole:
-    """M whole vehicles in body coordinates."""
-
-    center_m: Float64  # (M, 3) [m]
-    size_lwh_m: Float64  # (M, 3) length, width, height [m]
-
-
-def footprints(groups: Groups) -> Whole:
-    """Complete what is seen of each group to a vehicle that stands on the ground."""
-    cloud = groups.cloud
-    whole = complete(groups.rectangles, cloud.viewpoint, _CAR)
-    height = np.maximum(groups.top_m, _CAR.height_m)
-    ground = np.zeros(len(groups)) if cloud.plane is None else cloud.plane.z_m(whole.center_m)
-    center = np.column_stack([whole.center_m, ground + height / 2])
-    return Whole(center, np.column_stack([whole.size_lw_m, height]))
-
-
-def likeness(groups: Groups, params: ShapeParams) -> Float64:
-    """Score groups in [0, 1], as the product of all that is known about vehicles.
-
-    Of those that move only their size and number of points are asked: what moves is no wall and no tree.
+def score_groups(groups: Groups, params: ShapeParams) -> Float64:
+    """Score groups in [0, 1], as the product of all that is known about vehicles. Of those that move only their size
+    and number of points are asked: what moves is no wall and no tree.
     """
     shorter, longer = np.sort(groups.rectangles[:, [2, 4]] - groups.rectangles[:, [1, 3]], axis=1).T
     score = fading(np.diff(groups.first), *params.num_points)
@@ -186,7 +156,11 @@ def outlines(rig: Rig, camera: str, groups: Groups, uv_px: Float64, depth_m: Flo
     begin = groups.first[:-1]
     low = np.minimum.reduceat(uv_px, begin) - margin_px
     high = np.maximum.reduceat(uv_px, begin) + margin_px
-    high[:, 1] = np.fmax(high[:, 1] - margin_px, _feet(rig, camera, groups, depth_m))
+    number = np.repeat(np.arange(len(groups)), np.diff(groups.first))
+    foot = groups.cloud.xyz[np.lexsort((depth_m, number))[begin]].copy()
+    if groups.cloud.plane is not None:
+        foot[:, 2] = groups.cloud.plane.z_m(foot)
+    high[:, 1] = np.fmax(high[:, 1] - margin_px, project_body(rig, camera, foot)[0][:, 1])  # NaN isn't seen
     width, height = rig.cameras[camera].size_wh
     low = np.maximum(low, -0.5)
     high = np.minimum(high, [width - 0.5, height - 0.5])
@@ -195,23 +169,12 @@ def outlines(rig: Rig, camera: str, groups: Groups, uv_px: Float64, depth_m: Flo
     return result
 
 
-def _feet(rig: Rig, camera: str, groups: Groups, depth_m: Float64) -> Float64:
-    """Where the nearest point of each group meets the ground, (M,) [px] from the top; NaN where that isn't seen."""
-    number = np.repeat(np.arange(len(groups)), np.diff(groups.first))
-    nearest = np.lexsort((depth_m, number))[groups.first[:-1]]
-    foot = groups.cloud.xyz[nearest].copy()
-    if groups.cloud.plane is not None:
-        foot[:, 2] = groups.cloud.plane.z_m(foot)
-    uv, _ = project_body(rig, camera, foot)
-    return np.asarray(uv[:, 1], np.float64)
-
-
 _BESIDE = 0.5
 """Points up to this share of the image's size beside it take part: of what the border cuts off they tell the rest."""
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class Points(Rows):
     """Points of a cloud as one camera sees them, those of a cluster one after another, those of none first."""
 
     uv_px: Float64  # (N, 2) [px], in the image or beside it
@@ -219,13 +182,9 @@ class Points:
     cluster: Int64  # (N,) number of the cluster, a row of `Spots`; -1: none
     cloud: Cloud  # The same points (N) in space
 
-    def rows(self, rows: Array) -> "Points":
-        """Select points by mask or index array."""
-        return Points(self.uv_px[rows], self.depth_m[rows], self.cluster[rows], self.cloud.rows(rows))
-
 
 @dataclass(frozen=True, eq=False)
-class Spots:
+class Spots(Rows):
     """M objects in one image."""
 
     xyxy_px: Float64  # (M, 4) left, top, right, bottom [px]; NaN where nothing of it is in the image
@@ -236,60 +195,37 @@ class Spots:
     rate_mps: Float64  # (M,) change of its distance [m/s], positive when receding; NaN where unknown
     num_points: Int64  # (M,)
 
-    def __len__(self) -> int:
-        return len(self.score)
-
     @property
     def distance_m(self) -> Float64:
         """(M,) from the body's origin to the middle [m]."""
         return np.asarray(np.sqrt((self.center_m**2).sum(axis=1)), np.float64)
 
-    def rows(self, rows: Array) -> "Spots":
-        """Select objects by mask or index array."""
-        return Spots(
-            self.xyxy_px[rows], self.score[rows], self.center_m[rows], self.size_lwh_m[rows], self.depth_m[rows],
-            self.rate_mps[rows], self.num_points[rows],
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class SpotParams:
-    """What differs between kinds of sensors."""
-
-    cluster: ImageClusterParams
-    shape: ShapeParams
-    margin_px: float
-
 
 def focal_scale(camera: CameraModel) -> float:
     """Return how many pixels of an image one pixel of the parameters is."""
-    return float(camera.K[0, 0]) / FOCAL_PX
+    return float(camera.K[0, 0]) / image.FOCAL_PX
 
 
-def no_spots() -> Spots:
-    """Return no objects."""
-    none = np.zeros(0)
-    return Spots(np.zeros((0, 4)), none, np.zeros((0, 3)), np.zeros((0, 3)), none, none, np.zeros(0, np.int64))
-
-
-def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Points, Spots]:
-    """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters.
-
-    What moves is clustered apart from what stands still. The order of points doesn't matter.
+def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarImageParams) -> tuple[Points, Spots]:
+    """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters. What moves is clustered
+    apart from what stands still. The order of points doesn't matter.
     """
-    points = _project(rig, camera, cloud, params)
+    points = _project(rig, camera, cloud, params.cluster)
     member = points.cluster >= 0
     if not member.any() or cloud.plane is None:
-        return points, no_spots()
-    groups = Groups.of(points.cloud.rows(member), points.cluster[member])
+        none, places = np.zeros(0), np.zeros((0, 3))
+        return points, Spots(np.zeros((0, 4)), none, places, places, none, none, np.zeros(0, np.int64))
+    groups = Groups.of(points.cloud[member], points.cluster[member])
     margin = params.margin_px * focal_scale(rig.cameras[camera])
-    whole = footprints(groups)
+    # What is seen of each group is completed to a vehicle that stands on the ground.
+    whole, height = complete(groups.rectangles, cloud.viewpoint, _CAR), np.maximum(groups.top_m, _CAR.height_m)
+    center = np.column_stack([whole.center_m, cloud.plane.z_m(whole.center_m) + height / 2])
     depth = np.minimum.reduceat(points.depth_m[member], groups.first[:-1])
     found = Spots(
         xyxy_px=outlines(rig, camera, groups, points.uv_px[member], points.depth_m[member], margin),
-        score=likeness(groups, params.shape),
-        center_m=whole.center_m,
-        size_lwh_m=whole.size_lwh_m,
+        score=score_groups(groups, params.shape),
+        center_m=center,
+        size_lwh_m=np.column_stack([whole.size_lw_m, height]),
         depth_m=depth,
         rate_mps=_rates(groups),
         num_points=np.diff(groups.first),
@@ -297,21 +233,20 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Poin
     return points, found
 
 
-def _project(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Points:
-    """Points in the image and beside it with their clusters."""
+def _project(rig: Rig, camera: str, cloud: Cloud, params: ImageClusterParams) -> Points:
     model = rig.cameras[camera]
     uv, depth = project_body(rig, camera, cloud.xyz)
     size = np.array(model.size_wh, np.float64)
     low, high = -_BESIDE * size, (1 + _BESIDE) * size
     u, v = uv.T
     seen = np.flatnonzero((u > low[0]) & (u < high[0]) & (v > low[1]) & (v < high[1]))  # NaN isn't
-    cloud, uv, depth = cloud.rows(seen), uv.take(seen, axis=0), depth.take(seen)
+    cloud, uv, depth = cloud[seen], uv.take(seen, axis=0), depth.take(seen)
     cluster, scaled = np.full(len(uv), -1), uv / focal_scale(model)
     for part in (cloud.moves, ~cloud.moves):
-        found = cluster_in_image(scaled[part], depth[part], params.cluster)
+        found = image.cluster_in_image(scaled[part], depth[part], params)
         cluster[part] = np.where(found < 0, -1, found + cluster.max(initial=-1) + 1)
     order = np.argsort(cluster, kind="stable")
-    return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud.rows(order))
+    return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud[order])
 
 
 def _rates(groups: Groups) -> Float64:

@@ -1,6 +1,6 @@
 """Parameters of objects that LiDAR and radar see in images, and clusters of points there."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,28 +9,23 @@ from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.radar.radar import RadarParams
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import require_between, require_ranges
+from fbench.replay.contracts.params import CheckedParams, bounded, require_between
 from fbench.replay.data.arrays import Float64, Int64
 
 
 @dataclass(frozen=True)
-class ImageClusterParams:
+class ImageClusterParams(CheckedParams, prefix="cluster"):
     """Clustering of projected points, over u, v and depth."""
 
-    method: str = "dbscan"
-    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
-    eps_px: float = 20.0
-    """Radius [px]."""
-    min_points: int = 5
-    """Points within the radius that make a core point, itself included."""
-    with_depth: bool = True
-    """Whether depth counts; if not, points are grouped by their place in the image alone."""
-    depth_px_per_m: float = 15.0
+    method: str = "dbscan"  # DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics.
+    eps_px: float = bounded(20.0, 0.01, 1e4)  # Radius [px].
+    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    with_depth: bool = True  # Whether depth counts; if not, points are grouped by their place in the image alone.
+    depth_px_per_m: float = bounded(15.0, 0, 1e4)
     """A difference in depth of 1 m counts as a distance of this many pixels [px/m]."""
 
     def __post_init__(self) -> None:
-        ranges = {"eps_px": (0.01, 1e4), "min_points": (1, 1e6), "depth_px_per_m": (0.0, 1e4)}
-        require_ranges("cluster", self, ranges)
+        super().__post_init__()
         Grouping(self.method, self.eps_px, self.min_points).check("cluster")
 
 
@@ -47,99 +42,66 @@ _LEAST_STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class ShapeParams:
+class ShapeParams(CheckedParams, prefix="shape"):
     """What a vehicle looks like; in each pair, values from the first on are fine, from the second on impossible."""
 
-    bottom_m: tuple[float, float] = (0.75, 1.1)
-    """Height above ground of the lowest point [m]."""
-    top_m: tuple[float, float] = (3.8, 4.6)
-    """Height of the highest point [m]."""
+    bottom_m: tuple[float, float] = (0.75, 1.1)  # Height above ground of the lowest point [m].
+    top_m: tuple[float, float] = (3.8, 4.6)  # Height of the highest point [m].
     least_top_m: tuple[float, float] = (1.0, 0.85)
     """The same, where it is too low: guard rails and kerbs. It counts for what is narrower than `thin_m` only."""
-    thin_m: float = 0.4
-    """Shorter edge [m] below which something may be a rail or a wall."""
-    least_extent_m: tuple[float, float] = (1.3, 0.8)
-    """Longer edge [m]."""
-    most_length_m: tuple[float, float] = (9.0, 14.0)
-    """Longer edge [m]."""
-    most_width_m: tuple[float, float] = (2.8, 3.2)
-    """Shorter edge [m]."""
+    thin_m: float = bounded(0.4, 0, 100)  # Shorter edge [m] below which something may be a rail or a wall.
+    least_extent_m: tuple[float, float] = (1.3, 0.8)  # Longer edge [m].
+    most_length_m: tuple[float, float] = (9.0, 14.0)  # Longer edge [m].
+    most_width_m: tuple[float, float] = (2.8, 3.2)  # Shorter edge [m].
     filling_m: tuple[float, float] = (0.15, 0.35)
     """Mean distance of the points from the nearest edge [m]: vegetation fills its rectangle."""
-    num_points: tuple[float, float] = (8.0, 3.0)
-    """Number of points: a handful is too few to tell."""
+    num_points: tuple[float, float] = (8.0, 3.0)  # Number of points: a handful is too few to tell.
     num_over: tuple[float, float] = (0.0, 4.0)
     """Number of points above the height of vehicles: poles, walls and trees go on."""
-    still: float = 1.0
-    """Factor on the score of what isn't known to move [0 to 1]."""
+    still: float = bounded(1.0, 0, 1)  # Factor on the score of what isn't known to move [0 to 1].
 
     def __post_init__(self) -> None:
-        require_between("shape.thin_m", self.thin_m, 0.0, 100.0)
-        require_between("shape.still", self.still, 0.0, 1.0)
-        for f in fields(self):
-            value = getattr(self, f.name)
+        super().__post_init__()
+        for name, value in vars(self).items():
             if isinstance(value, tuple):
                 for part in value:
-                    require_between(f"shape.{f.name}", part, 0.0)
+                    require_between(f"shape.{name}", part, 0.0)
                 if abs(value[0] - value[1]) < _LEAST_STEP:
-                    raise ConfigError(f"shape.{f.name}: expected two different values, got {value[0]:g},{value[1]:g}")
+                    raise ConfigError(f"shape.{name}: expected two different values, got {value[0]:g},{value[1]:g}")
 
 
-def _lidar_clusters() -> ImageClusterParams:
-    return ImageClusterParams(eps_px=20.0, min_points=4, depth_px_per_m=12.0)
-
-
-def _radar_clusters() -> ImageClusterParams:
-    return ImageClusterParams(eps_px=20.0, min_points=4, depth_px_per_m=12.0)
-
-
-def _radar_shape() -> ShapeParams:
-    return ShapeParams(
-        bottom_m=(1.0, 1.5), top_m=(4.0, 5.0), least_top_m=(1.3, 1.0), thin_m=0.8, filling_m=(0.4, 0.8),
-        num_points=(6.0, 2.0), still=0.6,
-    )  # fmt: skip
-
-
-def _radar_ground() -> GroundParams:
-    return GroundParams(tolerance_m=0.3)
+_CLUSTERS = ImageClusterParams(eps_px=20.0, min_points=4, depth_px_per_m=12.0)
+_RADAR_GROUND = GroundParams(tolerance_m=0.3)
+_RADAR_SHAPE = ShapeParams(
+    bottom_m=(1.0, 1.5), top_m=(4.0, 5.0), least_top_m=(1.3, 1.0), thin_m=0.8, filling_m=(0.4, 0.8),
+    num_points=(6.0, 2.0), still=0.6,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
-class LidarImageParams:
+class LidarImageParams(CheckedParams, prefix="lidar_image"):
     """How LiDAR points become boxes in images. Pixels are those of a camera with a focal length of 400 px."""
 
-    cluster: ImageClusterParams = field(default_factory=_lidar_clusters)
-    """How points are grouped."""
-    shape: ShapeParams = field(default_factory=ShapeParams)
-    """What a group must look like."""
-    margin_px: float = 3.0
+    cluster: ImageClusterParams = _CLUSTERS  # How points are grouped.
+    shape: ShapeParams = field(default_factory=ShapeParams)  # What a group must look like.
+    margin_px: float = bounded(3.0, 0, 1000)
     """By so much outlines are wider than their points on each side [px]: half of the spacing of beams."""
-
-    def __post_init__(self) -> None:
-        require_between("lidar_image.margin_px", self.margin_px, 0.0, 1000.0)
 
 
 @dataclass(frozen=True)
-class RadarImageParams:
+class RadarImageParams(CheckedParams, prefix="radar_image"):
     """How radar echoes become boxes in images. Pixels are those of a camera with a focal length of 400 px."""
 
-    cluster: ImageClusterParams = field(default_factory=_radar_clusters)
+    cluster: ImageClusterParams = _CLUSTERS
     """How echoes are grouped; those that move apart from those that stand still."""
-    ground: GroundParams = field(default_factory=_radar_ground)
-    """How the ground is found."""
-    max_height_m: float = 4.5
-    """Echoes higher above the ground [m] are left out."""
-    min_echoes: int = 1000
+    ground: GroundParams = _RADAR_GROUND  # How the ground is found.
+    max_height_m: float = bounded(4.5, 0.1, 100)  # Echoes higher above the ground [m] are left out.
+    min_echoes: int = bounded(1000, 0, 1e9)
     """With fewer echoes in a frame nothing tells where the ground is, nor what shape things have: clusters are found
     as in `radar3d`, completed to vehicles and projected."""
-    shape: ShapeParams = field(default_factory=_radar_shape)
+    shape: ShapeParams = _RADAR_SHAPE
     """What a group must look like; of one that moves, only how large it is and of how many echoes."""
-    margin_px: float = 2.5
-    """By so much outlines are wider than their echoes on each side [px]."""
-
-    def __post_init__(self) -> None:
-        ranges = {"max_height_m": (0.1, 100.0), "min_echoes": (0, 1e9), "margin_px": (0.0, 1000.0)}
-        require_ranges("radar_image", self, ranges)
+    margin_px: float = bounded(2.5, 0, 1000)  # By so much outlines are wider than their echoes on each side [px].
 
 
 def whole_vehicles() -> LidarParams:

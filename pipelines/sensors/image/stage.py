@@ -1,34 +1,153 @@
-"""Detection by all LiDARs, and by all radars, in all images of a rig, timed."""
+"""Detection by all LiDARs, and by all radars, in all images of a rig, timed; with cameras' boxes in one form."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.sensors.image.objects import Points, SpotParams, of_lidar, of_radar, spots, viewpoint
-from fbench.pipelines.sensors.image.observations import Sightings, by_boxes, by_points
+from fbench.pipelines.fusion.reliability import log_odds
+from fbench.pipelines.fusion.sizes import LONG_M, SIZES
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.image.objects import Cloud, Points, Spots, of_lidar, of_radar, spots
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.lidar.lidar import LidarStage
 from fbench.pipelines.sensors.points.grid import lexicographic_order
+from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar import radar
 from fbench.pipelines.sensors.radar.radar import Compensated, RadarParams, RadarStage, RadarView
+from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.params import StageClock
-from fbench.replay.data.arrays import Float64
-from fbench.replay.data.boxes import Boxes2D, Source, concatenate
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source, concatenate
 from fbench.replay.data.frames import Frame
-from fbench.replay.data.rig import LogInfo, Rig
-from fbench.replay.geometry.camera import in_image, not_projectable, project_body
+from fbench.replay.data.rig import CameraModel, LogInfo, Rig
+from fbench.replay.geometry.camera import in_image, not_projectable, project_body, project_boxes
+from fbench.replay.geometry.iou import corners
+
+SURE = 0.5  # A camera alone reports what it believes so far
+
+
+def relative(score: Float64, min_score: float) -> Float64:
+    """Turn the scores (N,) of a camera's boxes into probabilities, `SURE` at the score from which on it reports them.
+
+    Detectors mean different things by a score. The ratio of odds to those of `min_score`, which weights bring with
+    them, is taken to mean the same for all.
+    """
+    return np.asarray(1 / (1 + np.exp(log_odds(min_score) - log_odds(score))), np.float64)
+
+
+_GUESS_STD = 0.25
+_EDGE_PX = 3.0
+_MEASURED_STD, _MEASURED_STD_M = 0.04, 1.2  # Error of measured depths, as a share of the depth and [m]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageObservations(Rows):
+    """N boxes in one image, of one or several kinds of sensors."""
+
+    source: Array  # (N,) uint8, one bit of `Source`
+    xyxy_px: Float64  # (N, 4) left, top, right, bottom [px]
+    score: Float64
+    """(N,) 0 to 1: by cameras how likely each is, from `SURE` on those that a camera alone reports; by others how much
+    it looks like a vehicle.
+    """
+    label: Text  # (N,)
+    depth_m: Float64  # (N,) of the near side along the optical axis [m]; NaN where unknown
+    depth_std: Float64  # (N,) relative error of the depth
+    distance_m: Float64  # (N,) from the body's origin to the middle [m]; NaN where unknown
+    rate_mps: Float64  # (N,) change of the distance [m/s], positive when receding; NaN where unknown
+    spot: Int64  # (N,) row of the `Spots` that it is; -1: none
+    upright: Bool  # (N,) whether its upper and lower edge are known; sparse radars don't tell heights
+
+    def sort(self) -> "ImageObservations":
+        """Sort by source, falling score, then place, so that the order in which they are given never matters."""
+        return self[np.lexsort((*self.xyxy_px.T[::-1], -self.score, self.source))]
+
+    @property
+    def weak(self) -> Bool:
+        """(N,) boxes of cameras that count only where another sensor confirms them."""
+        return np.asarray((self.source == int(Source.C)) & (self.score < SURE), np.bool_)
+
+    @classmethod
+    def none(cls) -> "ImageObservations":
+        """Return no boxes."""
+        none = np.zeros(0)
+        return cls(
+            none.astype(np.uint8), np.zeros((0, 4)), none, none.astype("U1"), none, none, none, none, _no_spot(0),
+            none > 0,
+        )  # fmt: skip
+
+    @classmethod
+    def join(cls, parts: Sequence["ImageObservations"]) -> "ImageObservations":
+        """Put several into one, in order."""
+        return super().join([*parts, cls.none()]).sort()
+
+
+def by_camera(found: CameraDetections, camera: CameraModel) -> ImageObservations:
+    """What a camera sees, and at which depth an object with its label would be as tall as its box; NaN for boxes that
+    the upper or lower border cuts off.
+    """
+    num, (_, top, _, bottom) = len(found), found.xyxy_px.T
+    whole = (top > _EDGE_PX) & (bottom < camera.size_wh[1] - 1 - _EDGE_PX)
+    typical = [SIZES.get(label) for label in found.label.tolist()]
+    height = np.array([np.nan if size is None else size.image_height_m for size in typical], np.float64)
+    depth = np.where(whole, camera.K[1, 1] * height / np.maximum(bottom - top, 1.0), np.nan)
+    unknown = np.full(num, np.nan)
+    source = np.full(num, int(Source.C), np.uint8)
+    std = np.full(num, _GUESS_STD)
+    score = relative(found.score, found.min_score)
+    return ImageObservations(source, found.xyxy_px, score, found.label, depth, std, unknown, unknown, _no_spot(num),
+                     np.ones(num, np.bool_))  # fmt: skip
+
+
+def by_points(spots: Spots, source: Source) -> ImageObservations:
+    """What LiDARs or radars see in the image."""
+    rows = np.flatnonzero(np.isfinite(spots.xyxy_px).all(axis=1) & (spots.score > 0))
+    spots = spots[rows]
+    label = np.where(spots.size_lwh_m[:, 0] > LONG_M, "truck", "car")
+    sources = np.full(len(spots), int(source), np.uint8)
+    std = _compute_std(spots.depth_m)
+    return ImageObservations(
+        sources, spots.xyxy_px, spots.score, label, spots.depth_m, std, spots.distance_m, spots.rate_mps, rows,
+        np.ones(len(rows), np.bool_),
+    )  # fmt: skip
+
+
+def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: Source) -> ImageObservations:
+    """What boxes in space (N), with their changes of distance (N,) [m/s], look like in the image."""
+    score = np.zeros(len(boxes)) if boxes.score is None else boxes.score
+    outline, seen = project_boxes(rig, camera, boxes)
+    rows = np.flatnonzero(seen & (score > 0))
+    boxes, num = boxes[rows], len(rows)
+    depths = project_body(rig, camera, corners(boxes).reshape(-1, 3))[1].reshape(-1, 8)
+    depth = np.maximum(depths.min(axis=1, initial=np.inf), 0.5) if num else np.zeros(0)
+    distance = np.sqrt((boxes.center_m**2).sum(axis=1))
+    label = np.where(boxes.size_lwh_m[:, 0] > LONG_M, "truck", "car") if boxes.label is None else boxes.label
+    sources = np.full(num, int(source), np.uint8)
+    return ImageObservations(
+        sources, outline[rows], score[rows], label, depth, _compute_std(depth), distance, rate_mps[rows],
+        _no_spot(num), np.full(num, source != Source.R),
+    )  # fmt: skip
+
+
+def _no_spot(num: int) -> Int64:
+    return np.full(num, -1)
+
+
+def _compute_std(depth_m: Float64) -> Float64:
+    return np.asarray(_MEASURED_STD + _MEASURED_STD_M / np.maximum(depth_m, 1.0), np.float64)
 
 
 def projectable(pipeline: str, rig: Rig, log_info: LogInfo) -> tuple[str, ...]:
-    """Names of the cameras of a rig that can be projected into; their images aren't needed. Raises LogError where there
-    is none, saying why.
-    """
+    """Names of cameras that can be projected into; images aren't needed. Raises LogError saying why there is none."""
     names = rig.sensors("camera")
     if not names:
         raise LogError(f"log '{log_info.name}': {pipeline} works in images, and the rig has no camera", "CFG001")
-    why = {name: _reason(rig, name) for name in names}
+    why = {
+        name: not_projectable(rig.cameras[name]) if name in rig.cameras else "the log has no intrinsics of it"
+        for name in names
+    }
     good = tuple(name for name in names if why[name] is None)
     if not good:
         raise LogError(f"log '{log_info.name}': {pipeline} can't project into camera '{names[0]}': {why[names[0]]}",
@@ -36,17 +155,13 @@ def projectable(pipeline: str, rig: Rig, log_info: LogInfo) -> tuple[str, ...]:
     return good
 
 
-def _reason(rig: Rig, name: str) -> str | None:
-    return not_projectable(rig.cameras[name]) if name in rig.cameras else "the log has no intrinsics of it"
-
-
-def drop_labels(seen: Mapping[str, Sightings], min_score: float) -> Boxes2D:
+def drop_labels(seen: Mapping[str, ImageObservations], min_score: float) -> Boxes2D:
     """Boxes by camera with at least `min_score`, of each the highest first; the same fields in every frame."""
-    parts = [_boxes(name, one.rows(one.score >= min_score)) for name, one in sorted(seen.items())]
-    return concatenate([*parts, _boxes("", Sightings.none())])
+    parts = [_boxes(name, one[one.score >= min_score]) for name, one in sorted(seen.items())]
+    return concatenate([*parts, _boxes("", ImageObservations.none())])
 
 
-def _boxes(camera: str, seen: Sightings) -> Boxes2D:
+def _boxes(camera: str, seen: ImageObservations) -> Boxes2D:
     return Boxes2D(
         camera=np.full(len(seen), camera),
         xyxy_px=seen.xyxy_px,
@@ -90,9 +205,8 @@ class Rays:
 
 
 def share_beyond(depths_m: Float64, near_m: float, far_m: float) -> float:
-    """Share of the rays reaching `near_m` [m] or beyond, given ascending depths (N,), that go on beyond `far_m`.
-
-    NaN where no ray reaches that far: something hides the place, or the sensor sees nothing there.
+    """Share of the rays reaching `near_m` [m] or beyond, given ascending depths (N,), that go on beyond `far_m`. NaN
+    where no ray reaches that far: something hides the place, or the sensor sees nothing there.
     """
     begin, end = np.searchsorted(depths_m, [near_m, far_m])
     num = len(depths_m) - begin
@@ -119,7 +233,7 @@ def nearest_dense(depths_m: Float64, least: int) -> float:
 class InImages:
     """What one kind of sensor sees, by camera; nothing of it where no sensor delivered."""
 
-    seen: Mapping[str, Sightings] = field(default_factory=dict)
+    seen: Mapping[str, ImageObservations] = field(default_factory=dict)
     points: Mapping[str, Points] = field(default_factory=dict)  # Those over the ground
     rays: Mapping[str, Rays] = field(default_factory=dict)  # All points
 
@@ -128,8 +242,7 @@ class LidarInImages:
     """Clusters of LiDAR points in images."""
 
     def __init__(self, rig: Rig, cameras: tuple[str, ...], stage: LidarStage, params: LidarImageParams) -> None:
-        self._rig, self._cameras, self._stage = rig, cameras, stage
-        self._params = SpotParams(params.cluster, params.shape, params.margin_px)
+        self._rig, self._cameras, self._stage, self._params = rig, cameras, stage, params
         self._viewpoint = viewpoint(rig, "lidar")
 
     def view(self, frame: Frame, clock: StageClock) -> InImages:
@@ -139,12 +252,7 @@ class LidarInImages:
             return InImages()
         cloud = of_lidar(self._stage.obstacles(xyz, clock), self._viewpoint)
         with clock.stage("detect.lidar"):
-            found = {name: spots(self._rig, name, cloud, self._params) for name in self._cameras}
-            return InImages(
-                {name: by_points(one, Source.L) for name, (_, one) in found.items()},
-                {name: points for name, (points, _) in found.items()},
-                all_rays(self._rig, self._cameras, xyz),
-            )
+            return _find_spots(self._rig, self._cameras, cloud, xyz, Source.L, self._params)
 
 
 class RadarInImages:
@@ -154,7 +262,6 @@ class RadarInImages:
         self, rig: Rig, cameras: tuple[str, ...], stage: RadarStage, params: RadarParams, image: RadarImageParams
     ) -> None:
         self._rig, self._cameras, self._stage, self._radar, self._image = rig, cameras, stage, params, image
-        self._params = SpotParams(image.cluster, image.shape, image.margin_px)
         self._viewpoint = viewpoint(rig, "radar")
 
     def view(self, frame: Frame, clock: StageClock) -> InImages:
@@ -165,31 +272,33 @@ class RadarInImages:
         with clock.stage("preprocess"):
             cloud = of_radar(echoes, self._viewpoint, self._radar.min_speed_mps, self._image)
         with clock.stage("detect.radar"):
-            if cloud.plane is None:
-                return InImages(in_images(self._rig, self._cameras, radar.detect(echoes, self._radar), echoes))
-            found = {name: spots(self._rig, name, cloud, self._params) for name in self._cameras}
-            return InImages(
-                {name: by_points(one, Source.R) for name, (_, one) in found.items()},
-                {name: points for name, (points, _) in found.items()},
-                all_rays(self._rig, self._cameras, echoes.xyz),
-            )
+            if cloud.plane is not None:
+                return _find_spots(self._rig, self._cameras, cloud, echoes.xyz, Source.R, self._image)
+            view = radar.detect(echoes, self._radar)
+            rate = relative_rates(view, echoes)
+            return InImages({name: by_boxes(self._rig, name, view.boxes, rate, Source.R) for name in self._cameras})
 
 
-def all_rays(rig: Rig, cameras: tuple[str, ...], xyz: Float64) -> dict[str, Rays]:
-    """Points (N, 3) in body coordinates as each camera sees them."""
-    return {name: Rays.of(rig, name, xyz) for name in cameras}
-
-
-def in_images(rig: Rig, cameras: tuple[str, ...], view: RadarView, echoes: Compensated) -> dict[str, Sightings]:
-    """What radars see in space, as each camera sees it."""
-    rate = relative_rates(view, echoes)
-    return {name: by_boxes(rig, name, view.boxes, rate, Source.R) for name in cameras}
+def _find_spots(
+    rig: Rig,
+    cameras: tuple[str, ...],
+    cloud: Cloud,
+    xyz: Float64,
+    source: Source,
+    params: LidarImageParams | RadarImageParams,
+) -> InImages:
+    """Detect in a cloud over the ground; `xyz` (N, 3) holds all points."""
+    found = {name: spots(rig, name, cloud, params) for name in cameras}
+    return InImages(
+        {name: by_points(one, source) for name, (_, one) in found.items()},
+        {name: points for name, (points, _) in found.items()},
+        {name: Rays.of(rig, name, xyz) for name in cameras},
+    )
 
 
 def relative_rates(view: RadarView, echoes: Compensated) -> Float64:
-    """Change of the distance (M,) [m/s] of each of a view's boxes, positive when receding; NaN where unknown.
-
-    That is its velocity along the line of sight over ground, less the radar's own.
+    """Change of the distance (M,) [m/s] of each of a view's boxes, positive when receding; NaN where unknown. That is
+    its velocity along the line of sight over ground, less the radar's own.
     """
     result = np.full(len(view.boxes), np.nan)
     velocity = view.boxes.velocity_mps

@@ -4,14 +4,13 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, complete, fading
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import require_between
+from fbench.replay.contracts.params import CheckedParams, bounded, require_between
 from fbench.replay.data.arrays import Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.kernels import kernel
@@ -36,24 +35,21 @@ def points_inside(rectangles: Float64, points: Float64, begin: Int64, end: Int64
     return result
 
 
-class SortedPoints:
-    """Points by x, so that only those between the least and greatest x of a rectangle are looked at."""
+def measure_inside(points: Float64, rectangles: Float64, margin_m: float) -> Float64:
+    """Count the points in each rectangle (M, 5 or more), as `fit_rectangles` gives them, widened by a margin [m], and
+    find the highest third coordinate of them, -inf where there are none: (M, 2).
 
-    def __init__(self, points: Float64) -> None:
-        """Take points (N, 3): x and y [m], and what is asked for about them, such as heights."""
-        self._points = np.ascontiguousarray(points[np.argsort(points[:, 0], kind="stable")])
-
-    def inside(self, rectangles: Float64, margin_m: float) -> Float64:
-        """Count the points in each rectangle (M, 5 or more), as `fit_rectangles` gives them, widened by a margin [m],
-        and find the highest third coordinate of them, -inf where there are none: (M, 2).
-        """
-        wide = np.column_stack([rectangles[:, 0], rectangles[:, [1, 3]] - margin_m, rectangles[:, [2, 4]] + margin_m])
-        cos, sin = np.cos(wide[:, :1]), np.sin(wide[:, :1])
-        x = cos * wide[:, [1, 1, 3, 3]] - sin * wide[:, [2, 4, 2, 4]]
-        # A hair more than needed, so that rounding leaves no point out.
-        begin = np.searchsorted(self._points[:, 0], x.min(axis=1) - 1e-6)
-        end = np.searchsorted(self._points[:, 0], x.max(axis=1) + 1e-6)
-        return points_inside(wide, self._points, begin, end)
+    Points (N, 3) hold x and y [m], and what is asked for about them, such as heights. They are sorted by x, so that
+    only those between the least and greatest x of a rectangle are looked at.
+    """
+    points = np.ascontiguousarray(points[np.argsort(points[:, 0], kind="stable")])
+    wide = np.column_stack([rectangles[:, 0], rectangles[:, [1, 3]] - margin_m, rectangles[:, [2, 4]] + margin_m])
+    cos, sin = np.cos(wide[:, :1]), np.sin(wide[:, :1])
+    x = cos * wide[:, [1, 1, 3, 3]] - sin * wide[:, [2, 4, 2, 4]]
+    # A hair more than needed, so that rounding leaves no point out.
+    begin = np.searchsorted(points[:, 0], x.min(axis=1) - 1e-6)
+    end = np.searchsorted(points[:, 0], x.max(axis=1) + 1e-6)
+    return points_inside(wide, points, begin, end)
 
 
 FEATURES = (
@@ -96,24 +92,18 @@ def features(standing: Standing, rectangles: Float64) -> Float64:
     bottom, top = np.minimum.reduceat(height, begin), np.maximum.reduceat(height, begin)
     upper = np.add.reduceat((height > np.repeat((bottom + top) / 2, np.diff(first))).astype(np.float64), begin)
     extent = np.sort(rectangles[:, [2, 4]] - rectangles[:, [1, 3]], axis=1)
-    over = SortedPoints(standing.tall).inside(rectangles, _OVER_MARGIN_M)
-    near = SortedPoints(standing.xy_height).inside(rectangles, _NEAR_MARGIN_M)[:, 0]
+    over = measure_inside(standing.tall, rectangles, _OVER_MARGIN_M)
+    near = measure_inside(standing.xy_height, rectangles, _NEAR_MARGIN_M)[:, 0]
     highest = np.maximum(top, over[:, 1])
+    # Gaps between neighboring ones of 0 and the heights of each cluster.
+    ordered = height[np.lexsort((height, np.repeat(np.arange(len(num)), np.diff(first))))]
+    gap = np.diff(ordered, prepend=0.0)
+    gap[begin] = ordered[begin]
     columns = (
-        extent[:, 1], extent[:, 0], highest, highest + _widest_gaps(height, begin), bottom, np.log2(num),
+        extent[:, 1], extent[:, 0], highest, highest + np.maximum.reduceat(gap, begin), bottom, np.log2(num),
         rectangles[:, 5], upper / num, over[:, 0] / (over[:, 0] + num), 1.0 - num / np.maximum(near, num),
     )  # fmt: skip
     return np.column_stack(columns)
-
-
-def _widest_gaps(height: Float64, begin: Int64) -> Float64:
-    """Widest gap (M,) between neighboring ones of 0 and the heights (N,) of each cluster [m]."""
-    cluster = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(height)))
-    ordered = height[np.lexsort((height, cluster))]
-    gap = np.diff(ordered, prepend=0.0)
-    gap[begin] = ordered[begin]
-    widest: Float64 = np.maximum.reduceat(gap, begin)
-    return widest
 
 
 FITTED = Path(__file__).with_name("road_users.json")
@@ -131,9 +121,8 @@ class RoadUserModel:
     offset: Float64  # (C,) what is added to the sum
 
     def probabilities(self, features: Float64) -> Float64:
-        """Probabilities (M, C) that clusters with features (M, F) are one road user each of these classes.
-
-        What is missing to 1 is that of being anything else.
+        """Probabilities (M, C) that clusters with features (M, F) are one road user each of these classes. What is
+        missing to 1 is that of being anything else.
         """
         total = np.tile(self.offset, (len(features), 1))
         for column, knots, values in zip(features.T, self.knots, self.log_odds, strict=True):
@@ -174,40 +163,32 @@ _LEAST_STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class CarShapeParams:
+class CarShapeParams(CheckedParams, prefix="lidar.shape"):
     """What a cluster must be like; in each pair, values from the first on are fine, from the second on impossible."""
 
     bottom_m: tuple[float, float] = (0.75, 1.1)
     """Height of the lowest point [m]: cars stand on the ground, but LiDARs look between rings."""
-    top_m: tuple[float, float] = (2.1, 2.5)
-    """Height of the highest point [m]."""
-    least_extent_m: tuple[float, float] = (1.3, 0.8)
-    """Longer edge [m] where only a part is seen."""
-    most_length_m: tuple[float, float] = (5.2, 6.5)
-    """Longer edge [m]."""
-    most_width_m: tuple[float, float] = (2.0, 2.5)
-    """Shorter edge [m]."""
+    top_m: tuple[float, float] = (2.1, 2.5)  # Height of the highest point [m].
+    least_extent_m: tuple[float, float] = (1.3, 0.8)  # Longer edge [m] where only a part is seen.
+    most_length_m: tuple[float, float] = (5.2, 6.5)  # Longer edge [m].
+    most_width_m: tuple[float, float] = (2.0, 2.5)  # Shorter edge [m].
     filling_m: tuple[float, float] = (0.12, 0.25)
     """Mean distance of the points from the nearest edge [m]: vegetation fills its rectangle."""
-    num_points: tuple[float, float] = (10.0, 4.0)
-    """Number of points: a handful is too few to tell."""
+    num_points: tuple[float, float] = (10.0, 4.0)  # Number of points: a handful is too few to tell.
     num_over: tuple[float, float] = (0.0, 4.0)
     """Number of points above the height of cars: poles, walls and trees go on."""
-    margin_m: float = 0.3
-    """How far beside the rectangle points count as above it [m]."""
-    where: ClassVar[str] = "lidar.shape"
-    """Dotted name of these parameters."""
+    margin_m: float = bounded(0.3, 0, 100)  # How far beside the rectangle points count as above it [m].
 
     def __post_init__(self) -> None:
-        require_between(f"{self.where}.margin_m", self.margin_m, 0, 100)
+        super().__post_init__()
         for name in (*_RISING, *_FALLING):
             for value in getattr(self, name):
-                require_between(f"{self.where}.{name}", value, 0)
+                require_between(f"{self._prefix}{name}", value, 0)
         for name, sign, word in (*((n, 1, "above") for n in _RISING), *((n, -1, "below") for n in _FALLING)):
             fine, impossible = getattr(self, name)
             if not sign * (impossible - fine) >= _LEAST_STEP:
                 raise ConfigError(
-                    f"{self.where}.{name}: expected a second value {word} the first, got {fine:g},{impossible:g}"
+                    f"{self._prefix}{name}: expected a second value {word} the first, got {fine:g},{impossible:g}"
                 )
 
 
@@ -225,7 +206,7 @@ def plausibility(
     score *= fading(extent[:, 0], *params.most_width_m)
     score *= fading(rectangles[:, 5], *params.filling_m) * fading(num_points, *params.num_points)
     likely = np.flatnonzero(score > 0)
-    score[likely] *= fading(SortedPoints(tall).inside(rectangles[likely], params.margin_m)[:, 0], *params.num_over)
+    score[likely] *= fading(measure_inside(tall, rectangles[likely], params.margin_m)[:, 0], *params.num_over)
     return score
 
 
@@ -241,6 +222,11 @@ class Seen:
     rectangles: Float64  # (M, 6) as `fit_rectangles` gives them
     plane: Plane  # The ground
     viewpoint: Float64  # (2,) where the LiDAR is [m]
+
+
+def classify(seen: Seen, judge: str | None, car: VehicleSize, others: OtherSizes, shape: CarShapeParams) -> Boxes3D:
+    """Complete clusters to road users by the model, or to cars by rules: also where `judge` says nothing."""
+    return road_users(seen, car, others) if judge == "model" else like_cars(seen, car, shape)
 
 
 def like_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:
@@ -262,15 +248,8 @@ def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
                 "bicycle": others.bicycle, "pedestrian": others.pedestrian}  # fmt: skip
     sizes = tuple(by_label[label] for label in model.labels.tolist())
     boxes = _complete(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))
-    score = _one_at_a_place(boxes)
-    return Boxes3D(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, label=model.labels[kind], score=score)
-
-
-def _one_at_a_place(boxes: Boxes3D) -> Float64:
-    """Scores (M,), each times the probability that none of the likelier boxes around its middle is there.
-
-    Where two parts of one vehicle are two clusters, both are completed to all of it. Of equal scores the first counts.
-    """
+    # Scores count times the probability that none of the likelier boxes around their middles is there: where two parts
+    # of one vehicle are two clusters, both are completed to all of it. Of equal scores the first counts.
     score = np.zeros(0) if boxes.score is None else boxes.score
     offset = boxes.center_m[:, None, :2] - boxes.center_m[None, :, :2]
     cos, sin = np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
@@ -279,14 +258,11 @@ def _one_at_a_place(boxes: Boxes3D) -> Float64:
     inside = (along < boxes.size_lwh_m[:, 0] / 2) & (across < boxes.size_lwh_m[:, 1] / 2)
     order = np.arange(len(score))
     likelier = (score > score[:, None]) | ((score == score[:, None]) & (order < order[:, None]))
-    return np.asarray(score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1), np.float64)
+    score = score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1)
+    return Boxes3D(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, label=model.labels[kind], score=score)
 
 
-def _complete(
-    seen: Seen, kind: Int64, sizes: tuple[VehicleSize, ...],
-    top_m: Float64, score: Float64,
-) -> Boxes3D:  # fmt: skip
-    """Complete clusters (M,) of each kind to its size."""
+def _complete(seen: Seen, kind: Int64, sizes: tuple[VehicleSize, ...], top_m: Float64, score: Float64) -> Boxes3D:
     num = len(kind)
     center, size, yaw = np.zeros((num, 3)), np.zeros((num, 3)), np.zeros(num)
     for number, typical in enumerate(sizes):

@@ -2,17 +2,8 @@
 
 import numpy as np
 
-from fbench.pipelines.sensors.points.grid import (
-    ROUNDING,
-    Pairs,
-    cell_bounds,
-    cell_numbers,
-    cells_of,
-    find_in_higher,
-    find_in_level,
-    lexicographic,
-    row_starts,
-)
+from fbench.pipelines.sensors.points import grid
+from fbench.pipelines.sensors.points.grid import Pairs, find_root
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
@@ -32,7 +23,6 @@ def _near(points: Float64, i: int, j: int) -> bool:
 
 @kernel
 def _count(points: Float64, first: Int64, a: int, b: int, count: Int64) -> None:
-    """Count neighbors between two cells."""
     for i in range(first[a], first[a + 1]):
         for j in range(first[b], first[b + 1]):
             near = np.int64(_near(points, i, j))  # added without a branch, which would be hard to predict
@@ -74,16 +64,7 @@ def core_points(points: Float64, first: Int64, pairs: Pairs, min_points: int) ->
 
 
 @kernel
-def _root(parent: Int64, c: int) -> int:
-    while parent[c] != c:
-        parent[c] = parent[parent[c]]
-        c = parent[c]
-    return c
-
-
-@kernel
 def _reaches(points: Float64, i: int, bounds: Float64, b: int) -> bool:
-    """Tell whether the bounds of a cell lie within the radius of a point."""
     x = max(bounds[b, 0] - points[i, 0], points[i, 0] - bounds[b, 3], 0.0)
     y = max(bounds[b, 1] - points[i, 1], points[i, 1] - bounds[b, 4], 0.0)
     z = max(bounds[b, 2] - points[i, 2], points[i, 2] - bounds[b, 5], 0.0)
@@ -92,8 +73,7 @@ def _reaches(points: Float64, i: int, bounds: Float64, b: int) -> bool:
 
 
 @kernel
-def _linked(points: Float64, core: Bool, first: Int64, bounds: Float64, a: int, b: int) -> bool:
-    """Tell whether a core point of one cell is a neighbor of one of the other."""
+def _are_linked(points: Float64, core: Bool, first: Int64, bounds: Float64, a: int, b: int) -> bool:
     is_small = first[b + 1] - first[b] <= SMALL
     for i in range(first[a], first[a + 1]):
         if not core[i] or not (is_small or _reaches(points, i, bounds, b)):
@@ -122,21 +102,22 @@ def cluster_cells(points: Float64, core: Bool, first: Int64, bounds: Float64, pa
         a, b = pairs[k, 0], pairs[k, 1]
         if parent[a] < 0 or parent[b] < 0:
             continue
-        one, other = _root(parent, a), _root(parent, b)
-        if one != other and _linked(points, core, first, bounds, a, b):
+        one, other = find_root(parent, a), find_root(parent, b)
+        if one != other and _are_linked(points, core, first, bounds, a, b):
             parent[one] = other
     for c in range(num):
         if parent[c] >= 0:
-            parent[c] = _root(parent, c)
-            _take_smallest(points, core, first, c, parent[c], smallest)
+            root = parent[c] = find_root(parent, c)
+            smallest[root] = _find_smallest(points, core, first[c], first[c + 1], smallest[root])
     return parent, smallest
 
 
 @kernel
-def _take_smallest(points: Float64, core: Bool, first: Int64, c: int, root: int, smallest: Int64) -> None:
-    for i in range(first[c], first[c + 1]):
-        if core[i] and (smallest[root] < 0 or _is_smaller(points, i, smallest[root])):
-            smallest[root] = i
+def _find_smallest(points: Float64, core: Bool, begin: int, end: int, best: int) -> int:
+    for i in range(begin, end):
+        if core[i] and (best < 0 or _is_smaller(points, i, best)):
+            best = i
+    return best
 
 
 @kernel
@@ -214,33 +195,36 @@ def _clusters(finite: Array, radii: Float64, min_points: int) -> Int64:
     rows[:, 3] = radii
     level = np.broadcast_to(np.frexp(radii / radii.min())[1].astype(np.int64) - 1, num)
     edge = float(radii.min()) / np.sqrt(num_axes) * _SHRUNK
-    order, points, cells, first, bounds = _grid(rows, cell_numbers(rows, level, edge))
+    order, points, cells, first, bounds = _grid(rows, grid.cell_numbers(rows, level, edge))
     pairs = _pairs(cells, bounds, edge)
     core = core_points(points, first, pairs, min_points)
     root, smallest = cluster_cells(points, core, first, bounds, pairs)
+    # The clusters of cells are numbered by their smallest core point.
+    roots = np.flatnonzero(smallest >= 0)
+    number = np.full(len(root) + 1, -1)  # the last for cells without a cluster, whose root is -1
+    number[roots[np.lexsort(points[smallest[roots], 2::-1].T)]] = np.arange(len(roots))
     result = np.empty(num, np.int64)
-    result[order] = labels(points, core, first, _numbers(points, root, smallest), pairs)
+    result[order] = labels(points, core, first, number[root], pairs)
     return result
 
 
 def _grid(rows: Float64, numbers: Int64) -> tuple[Int64, Float64, Int64, Int64, Float64]:
     """Sort points (N, 4) by cell; returns their order (N,), themselves, and cells, their first points and bounds."""
-    order = lexicographic(numbers)
-    points, cells, first = cells_of(rows, numbers, order)
-    bounds, is_small = cell_bounds(points, first)
+    order = grid.lexicographic(numbers)
+    points, cells, first = grid.cells_of(rows, numbers, order)
+    bounds, is_small = grid.cell_bounds(points, first)
     if is_small.all():
         return order, points, cells, first, bounds
     # Far out, where a cell is no wider than rounding, only equal points are sure to be neighbors.
     part, wide = np.zeros(len(rows), np.int64), order[np.repeat(~is_small, np.diff(first))]
     part[wide] = np.unique(rows[wide, :3], axis=0, return_inverse=True)[1].ravel()
     numbers = np.column_stack([numbers, part])
-    order = lexicographic(numbers)
-    points, cells, first = cells_of(rows, numbers, order)
-    return order, points, cells, first, cell_bounds(points, first)[0]
+    order = grid.lexicographic(numbers)
+    points, cells, first = grid.cells_of(rows, numbers, order)
+    return order, points, cells, first, grid.cell_bounds(points, first)[0]
 
 
 def _pairs(cells: Int64, bounds: Float64, edge: float) -> Pairs:
-    """Pairs of cells (P, 2) that may hold neighbors."""
     pairs = np.empty((6 * len(cells), 2), np.int32)
     found = _find_pairs(cells, bounds, edge, pairs)
     if found > len(pairs):
@@ -250,24 +234,16 @@ def _pairs(cells: Int64, bounds: Float64, edge: float) -> Pairs:
 
 
 def _find_pairs(cells: Int64, bounds: Float64, edge: float, pairs: Pairs) -> int:
-    starts = row_starts(cells)
+    starts = grid.row_starts(cells)
     level = cells[starts[:-1], 0]
     ends = np.append(np.flatnonzero(np.diff(level, prepend=-1)), len(level))
     found = 0
     for k in range(len(ends) - 1):
         rows = starts[ends[k] : ends[k + 1] + 1]
         level_edge = edge * 2.0 ** level[ends[k]]
-        reach = int(np.floor(np.sqrt(bounds[rows[0] : rows[-1], 6].max()) / level_edge + ROUNDING)) + 1
-        found = find_in_level(cells, bounds, rows, reach, pairs, found)
+        reach = int(np.floor(np.sqrt(bounds[rows[0] : rows[-1], 6].max()) / level_edge + grid.ROUNDING)) + 1
+        found = grid.find_in_level(cells, bounds, rows, reach, pairs, found)
         for lower in range(k):
             of_lower = starts[ends[lower]], starts[ends[lower + 1]]
-            found = find_in_higher(cells, bounds, of_lower, (rows[0], rows[-1]), level_edge, pairs, found)
+            found = grid.find_in_higher(cells, bounds, of_lower, (rows[0], rows[-1]), level_edge, pairs, found)
     return found
-
-
-def _numbers(points: Float64, root: Int64, smallest: Int64) -> Int64:
-    """Number the clusters of cells (M,) by their smallest core point."""
-    roots = np.flatnonzero(smallest >= 0)
-    number = np.full(len(root) + 1, -1)  # the last for cells without a cluster, whose root is -1
-    number[roots[np.lexsort(points[smallest[roots], 2::-1].T)]] = np.arange(len(roots))
-    return number[root]

@@ -19,6 +19,15 @@ _DIGITS = 1 << _DIGIT
 
 
 @kernel
+def find_root(parent: Int64, i: int) -> int:
+    """Follow parents to one that is its own, and shorten the way."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@kernel
 def cell_numbers(points: Float64, level: Int64, edge_0: float) -> Int64:
     """Return level and numbers of the cell along x, y, z of each point: (N, 4)."""
     result = np.empty((len(points), 4), np.int64)

@@ -1,12 +1,11 @@
 """Height of the ground under each point, without knowing how high the sensors sit."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
 
-from fbench.replay.contracts.params import require_ranges
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
@@ -88,31 +87,17 @@ def fullest_bands(z_m: Float64, band_m: float) -> tuple[Int64, Int64]:
 
 
 @dataclass(frozen=True)
-class GroundParams:
-    """How the ground is found: a plane through the lowest points of all cells, then a surface of limited slope."""
+class GroundParams(CheckedParams, prefix="lidar.ground"):
+    """How the ground is found: a plane through the lowest points of all cells, then a surface of limited slope. Limits
+    of cells and range bound the size of the grid.
+    """
 
-    cell_m: float = 2.0
-    """Edge of the cells [m] whose lowest points stand for the ground."""
-    outliers: float = 0.05
-    """Share of a cell's points that may lie below the ground."""
-    range_m: float = 60.0
-    """Farthest points [m] that take part."""
-    max_tilt: float = 0.16
-    """Steepest plane [m/m], by tilt of the sensors or of the road."""
-    max_slope: float = 0.06
-    """Steepest deviation from the plane [m/m]."""
-    tolerance_m: float = 0.2
-    """Height [m] below which a point belongs to the ground."""
-    where: ClassVar[str] = "lidar.ground"
-    """Dotted name of these parameters."""
-
-    def __post_init__(self) -> None:
-        # Cells and range bound the size of the grid.
-        ranges = {
-            "cell_m": (0.5, 100.0), "outliers": (0.0, 0.5), "range_m": (1.0, 500.0), "max_tilt": (0.0, 1.0),
-            "max_slope": (0.0, 1.0), "tolerance_m": (0.0, 10.0),
-        }  # fmt: skip
-        require_ranges(self.where, self, ranges)
+    cell_m: float = bounded(2.0, 0.5, 100)  # Edge of the cells [m] whose lowest points stand for the ground.
+    outliers: float = bounded(0.05, 0, 0.5)  # Share of a cell's points that may lie below the ground.
+    range_m: float = bounded(60.0, 1, 500)  # Farthest points [m] that take part.
+    max_tilt: float = bounded(0.16, 0, 1)  # Steepest plane [m/m], by tilt of the sensors or of the road.
+    max_slope: float = bounded(0.06, 0, 1)  # Steepest deviation from the plane [m/m].
+    tolerance_m: float = bounded(0.2, 0, 10)  # Height [m] below which a point belongs to the ground.
 
 
 @dataclass(frozen=True)
@@ -125,8 +110,7 @@ class Plane:
 
     def z_m(self, xyz: Float64) -> Float64:
         """Height (N,) [m] of the plane at points (N, 2 or 3)."""
-        z: Float64 = self.slope_x * xyz[:, 0] + self.slope_y * xyz[:, 1] + self.height_m
-        return z
+        return self.slope_x * xyz[:, 0] + self.slope_y * xyz[:, 1] + self.height_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,18 +154,14 @@ def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
         return None
     steps = np.linspace(-params.max_tilt, params.max_tilt, 9)
     tilts = sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t))
-    plane = _fullest(lowest, np.array(tilts))
-    for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
-        plane = _refine(plane, lowest, band_m)
-    return plane
-
-
-def _fullest(lowest: Float64, slopes: Float64, band_m: float = 0.8) -> Plane:
-    """Return the first plane of those with slopes (T, 2) that holds most points in its best band of heights."""
+    slopes, band_m = np.array(tilts), 0.8
     z = np.sort(lowest[:, 2] - slopes[:, :1] * lowest[:, 0] - slopes[:, 1:] * lowest[:, 1], axis=1)
     num, begin = fullest_bands(z, band_m)
     best = int(np.argmax(num))
-    return Plane(float(slopes[best, 0]), float(slopes[best, 1]), float(z[best, begin[best]] + band_m / 2))
+    plane = Plane(float(slopes[best, 0]), float(slopes[best, 1]), float(z[best, begin[best]] + band_m / 2))
+    for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
+        plane = _refine(plane, lowest, band_m)
+    return plane
 
 
 def _refine(plane: Plane, lowest: Float64, band_m: float) -> Plane:

@@ -108,7 +108,8 @@ class Deskew:
 
     def move(self, xyz: Float64, cloud: PointCloud, rows: Int64, stamp_ns: int) -> Float64:
         """Move points (N, 3) [m] in body coordinates, which are the chosen `rows` of a sweep, to `stamp_ns`."""
-        has_times = cloud.offset_ns is not None and not self._is_frozen(cloud.sensor)
+        is_frozen = self._log_info.metadata.get(f"lidar.{cloud.sensor}.motion") == FROZEN
+        has_times = cloud.offset_ns is not None and not is_frozen
         if self._motion is None or not (has_times or cloud.stamp_ns != stamp_ns):
             return xyz
         after_ns = np.full(len(xyz), cloud.stamp_ns - stamp_ns, np.int64)
@@ -118,9 +119,6 @@ class Deskew:
             return xyz
         after_s = after_ns.astype(np.float64) * 1e-9
         return carry_points(xyz, after_s, self._motion.turn_radps, self._motion.speed_mps)
-
-    def _is_frozen(self, lidar: str) -> bool:
-        return self._log_info.metadata.get(f"lidar.{lidar}.motion") == FROZEN
 
 
 def motion(before: Pose, after: Pose) -> Motion | None:
@@ -197,16 +195,28 @@ def lidar_points(
     return merged.take(lexicographic_order(*merged.T), axis=0)
 
 
-def lidar_position(rig: Rig) -> Float64:
-    """Where the LiDARs look from, (2,) [m] in body coordinates: the middle between them."""
-    places = [rig.body_T_sensor(name)[:2, 3] for name in rig.sensors("lidar")]
-    return np.asarray(np.mean(places, axis=0), np.float64)
+def viewpoint(rig: Rig, kind: Kind) -> Float64:
+    """Where the sensors of a kind look from, (2,) [m] in body coordinates: the middle between them."""
+    places = [rig.body_T_sensor(name)[:2, 3] for name in rig.sensors(kind)]
+    return np.asarray(np.mean(places, axis=0), np.float64) if places else np.zeros(2)
 
 
 def radar_scans(rig: Rig, frame: Frame, periods_mps: Mapping[str, float]) -> list[Echoes] | None:
     """Echoes of each radar, whose velocities alias with `periods_mps` by name; `None` where no radar delivered."""
-    scans = [m for m in _in_order(frame) if isinstance(m, RadarScan)]
-    return [_echoes(rig, scan, periods_mps.get(scan.sensor, 0.0)) for scan in scans] or None
+    result = []
+    for scan in (m for m in _in_order(frame) if isinstance(m, RadarScan)):
+        body_T_sensor = rig.body_T_sensor(scan.sensor)
+        xyz = transform(body_T_sensor, scan.xyz)
+        ray = xyz - body_T_sensor[:3, 3]
+        length = np.sqrt(ray[:, 0] ** 2 + ray[:, 1] ** 2 + ray[:, 2] ** 2)
+        direction = ray / np.where(length > 0, length, 1.0)[:, None]
+        velocity = np.full(len(xyz), np.nan) if scan.radial_velocity_mps is None else scan.radial_velocity_mps
+        velocity = np.where(np.isfinite(velocity), velocity, np.nan).astype(np.float64)
+        magnitude = np.full(len(xyz), np.nan) if scan.rcs_dbsm is None else scan.rcs_dbsm.astype(np.float64)
+        order = lexicographic_order(*xyz.T, velocity, magnitude)
+        columns = xyz.take(order, axis=0), direction.take(order, axis=0), velocity[order], magnitude[order]
+        result.append(Echoes(*columns, periods_mps.get(scan.sensor, 0.0), scan.sensor))
+    return result or None
 
 
 def world_T_body(rig: Rig, frame: Frame) -> Float64 | None:
@@ -216,9 +226,8 @@ def world_T_body(rig: Rig, frame: Frame) -> Float64 | None:
 
 
 def body_pose(rig: Rig, frame: Frame) -> Pose | None:
-    """Pose of the body in the world; `None` where the log has none for this frame.
-
-    Of several sources the first by name counts, also in frames that lack it: sources differ in their origin.
+    """Pose of the body in the world; `None` where the log has none for this frame. Of several sources the first by name
+    counts, also in frames that lack it: sources differ in their origin.
     """
     poses = sorted(name for name, m in frame.messages.items() if isinstance(m, Pose))
     if not poses or any(name < poses[0] for name in frame.missing if name not in rig.mounts):
@@ -227,35 +236,18 @@ def body_pose(rig: Rig, frame: Frame) -> Pose | None:
     return pose if isinstance(pose, Pose) else None
 
 
-def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo) -> None:
-    """Refuse a rig that has no sensor of these kinds. Raises LogError naming pipeline, log and the sensors that are
-    there.
-    """
+def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo, wanted: str = "") -> None:
+    """Refuse rigs without sensors of these kinds. Raises LogError naming pipeline, log and the sensors there."""
     if rig.sensors(*kinds):
         return
     words = {"lidar": "a LiDAR", "radar": "a radar", "camera": "a camera"}
-    wanted = " or ".join(words[kind] for kind in kinds)
+    wanted = wanted or " or ".join(words[kind] for kind in kinds)
     present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
     raise LogError(f"log '{log_info.name}': {pipeline} needs {wanted}; the log has: {present}", "CFG001")
 
 
 def _in_order(frame: Frame) -> Iterator[object]:
     return (frame.messages[name] for name in sorted(frame.messages))
-
-
-def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
-    body_T_sensor = rig.body_T_sensor(scan.sensor)
-    xyz = transform(body_T_sensor, scan.xyz)
-    ray = xyz - body_T_sensor[:3, 3]
-    length = np.sqrt(ray[:, 0] ** 2 + ray[:, 1] ** 2 + ray[:, 2] ** 2)
-    direction = ray / np.where(length > 0, length, 1.0)[:, None]
-    velocity = np.full(len(xyz), np.nan) if scan.radial_velocity_mps is None else scan.radial_velocity_mps
-    magnitude = np.full(len(xyz), np.nan) if scan.rcs_dbsm is None else scan.rcs_dbsm
-    velocity = np.where(np.isfinite(velocity), velocity, np.nan)
-    columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
-    order = lexicographic_order(*xyz.T, *columns)
-    velocity, magnitude = (column[order] for column in columns)
-    return Echoes(xyz.take(order, axis=0), direction.take(order, axis=0), velocity, magnitude, period_mps, scan.sensor)
 
 
 def report_boxes(boxes: Boxes3D, min_score: float, source: Source, labeled: bool = False) -> Boxes3D:

@@ -1,11 +1,11 @@
 """Whole vehicles from the sides of them that a sensor sees."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.pipelines.fusion.sizes import SIZES
-from fbench.replay.contracts.params import require_ranges
+from fbench.replay.contracts.params import require_between
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
@@ -14,39 +14,28 @@ from fbench.replay.geometry.kernels import kernel
 class VehicleSize:
     """Size of a typical car, to which partly seen vehicles are completed."""
 
-    length_m: float = SIZES["car"].lidar_lwh_m[0]
-    """Length [m]."""
-    width_m: float = SIZES["car"].lidar_lwh_m[1]
-    """Width [m]."""
-    height_m: float = SIZES["car"].lidar_lwh_m[2]
-    """Height [m]."""
+    length_m: float = SIZES["car"].lidar_lwh_m[0]  # Length [m].
+    width_m: float = SIZES["car"].lidar_lwh_m[1]  # Width [m].
+    height_m: float = SIZES["car"].lidar_lwh_m[2]  # Height [m].
 
     def check(self, prefix: str) -> None:
-        """Refuse sizes that no vehicle has; `prefix` is the dotted name of these parameters. Raises ConfigError naming
-        the parameter.
-        """
-        require_ranges(prefix, self, dict.fromkeys(("length_m", "width_m", "height_m"), (0.1, 50.0)))
+        """Refuse sizes that no vehicle has. Raises ConfigError naming the parameter below `prefix`, a dotted name."""
+        for name, value in vars(self).items():
+            require_between(f"{prefix}.{name}", value, 0.1, 50.0)
 
 
 @dataclass(frozen=True)
 class OtherSizes:
     """Sizes of typical road users that are no cars."""
 
-    van: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["van"].lidar_lwh_m))  # Van
-    truck: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["truck"].lidar_lwh_m))  # Truck or bus
-    motorcycle: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["motorcycle"].lidar_lwh_m))
+    van: VehicleSize = VehicleSize(*SIZES["van"].lidar_lwh_m)  # Van
+    truck: VehicleSize = VehicleSize(*SIZES["truck"].lidar_lwh_m)  # Truck or bus
+    motorcycle: VehicleSize = VehicleSize(*SIZES["motorcycle"].lidar_lwh_m)
     """Motorcycle with its rider."""
-    bicycle: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["bicycle"].lidar_lwh_m))
+    bicycle: VehicleSize = VehicleSize(*SIZES["bicycle"].lidar_lwh_m)
     """Bicycle with its rider."""
-    pedestrian: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["pedestrian"].lidar_lwh_m))
+    pedestrian: VehicleSize = VehicleSize(*SIZES["pedestrian"].lidar_lwh_m)
     """Person on foot."""
-
-    def check(self, prefix: str) -> None:
-        """Refuse sizes that nobody has; `prefix` is the dotted name of these parameters. Raises ConfigError naming the
-        parameter.
-        """
-        for one in fields(self):
-            getattr(self, one.name).check(f"{prefix}.{one.name}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +56,12 @@ def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Foot
     sees stays where it is; along an axis in which the sensor is beside the rectangle, its middle does.
     """
     extent = rectangles[:, [2, 4]] - rectangles[:, [1, 3]]
-    apparent = extent * _facing(rectangles, viewpoint)
+    # How far edges, along the heading and across it, are turned towards the viewpoint: 0 to 1.
+    heading = rectangles[:, 0]
+    eye = np.stack([_unit(heading) @ viewpoint, _unit(heading + np.pi / 2) @ viewpoint], axis=1)
+    middle = (rectangles[:, [1, 3]] + rectangles[:, [2, 4]]) / 2 - eye
+    away = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)
+    apparent = extent * (np.abs(middle[:, ::-1]) / away[:, None])
     is_side = extent.max(axis=1) > 1.25 * size.width_m
     along_first = np.where(is_side, extent[:, 0] > extent[:, 1], apparent[:, 0] <= apparent[:, 1])
     return complete_known(rectangles, along_first, viewpoint, np.array([size.length_m, size.width_m]))
@@ -92,27 +86,14 @@ def complete_known(rectangles: Float64, along_first: Bool, viewpoint: Float64, l
     return Footprints(center, np.where(along_first[:, None], full, full[:, ::-1]), yaw)
 
 
-def _facing(rectangles: Float64, viewpoint: Float64) -> Float64:
-    """Return how far edges (N, 2), along the heading and across it, are turned towards a viewpoint (2,): 0 to 1."""
-    heading = rectangles[:, 0]
-    forward, left = _unit(heading), _unit(heading + np.pi / 2)
-    middle = (rectangles[:, [1, 3]] + rectangles[:, [2, 4]]) / 2 - np.stack(
-        [forward @ viewpoint, left @ viewpoint], axis=1
-    )
-    away = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)
-    return np.abs(middle[:, ::-1]) / away[:, None]
-
-
 def half_turn(angle_rad: Float64) -> Float64:
     """Wrap headings [rad] to [-pi/2, pi/2)."""
-    wrapped: Float64 = (angle_rad + np.pi / 2) % np.pi - np.pi / 2
-    return wrapped
+    return (angle_rad + np.pi / 2) % np.pi - np.pi / 2
 
 
 def fading(value: Array, good: float, bad: float) -> Float64:
     """Return 1 where values are at `good` or beyond, 0 at `bad` or beyond, linear between."""
-    share: Float64 = np.clip((bad - np.asarray(value, np.float64)) / (bad - good), 0.0, 1.0)
-    return share
+    return np.clip((bad - np.asarray(value, np.float64)) / (bad - good), 0.0, 1.0)
 
 
 def _unit(angle_rad: Float64) -> Float64:

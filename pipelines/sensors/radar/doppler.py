@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.params import require_between, require_ranges
+from fbench.replay.contracts.params import CheckedParams, bounded, require_between
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.geometry.kernels import kernel
@@ -59,33 +59,24 @@ _LEAST_PERIOD_MPS, _MOST_PERIOD_MPS = 0.1, 1000.0
 
 
 @dataclass(frozen=True)
-class DopplerParams:
-    """How the radar's own motion is found in its echoes."""
+class DopplerParams(CheckedParams, prefix="radar.doppler"):
+    """How the radar's own motion is found in its echoes; the highest speeds bound how many candidates are tried."""
 
     period_mps: float | None = None
     """Velocities alias with this period [m/s]; 0: unambiguous; none: as the log's metadata say, else unambiguous."""
     ego_motion: Literal["included", "removed"] | None = None
     """Whether velocities hold the vehicle's own motion; none: as the log's metadata say, else they do."""
-    max_reverse_mps: float = 5.0
-    """Fastest backwards [m/s]."""
-    max_forward_mps: float = 45.0
-    """Fastest forwards [m/s]."""
-    max_sideways_mps: float = 1.6
-    """Fastest sideways [m/s], as at the front of a turning vehicle."""
-    band_mps: float = 0.3
+    max_reverse_mps: float = bounded(5.0, 0, 200)  # Fastest backwards [m/s].
+    max_forward_mps: float = bounded(45.0, 0.4, 200)  # Fastest forwards [m/s].
+    max_sideways_mps: float = bounded(1.6, 0, 200)  # Fastest sideways [m/s], as at the front of a turning vehicle.
+    band_mps: float = bounded(0.3, 0.01, 100)
     """Echoes whose velocity differs by less [m/s] from that of stationary ones count as stationary in the fit."""
-    min_echoes: int = 10
-    """With fewer echoes the radar counts as standing."""
+    min_echoes: int = bounded(10, 3, 1e6)  # With fewer echoes the radar counts as standing.
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.period_mps:
             require_between("radar.doppler.period_mps", self.period_mps, _LEAST_PERIOD_MPS, _MOST_PERIOD_MPS)
-        # Highest speeds bound how many candidates are tried.
-        ranges = {
-            "max_reverse_mps": (0.0, 200.0), "max_forward_mps": (0.4, 200.0), "max_sideways_mps": (0.0, 200.0),
-            "band_mps": (0.01, 100.0), "min_echoes": (3, 1e6),
-        }  # fmt: skip
-        require_ranges("radar.doppler", self, ranges)
 
 
 def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerParams) -> dict[str, float]:
@@ -103,9 +94,7 @@ def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerPa
 
 
 def with_logged_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams) -> DopplerParams:
-    """Return parameters that say whether a radar's velocities hold the vehicle's own motion. Raises LogError where the
-    log says something else.
-    """
+    """Say whether velocities of a radar hold the ego motion. Raises LogError where the log says something else."""
     key = f"radar.{radar}.ego_motion"
     text = log_info.metadata.get(key, log_info.metadata.get("radar.ego_motion", "included"))
     if params.ego_motion is not None:
@@ -133,8 +122,7 @@ def wrap_velocity(velocity_mps: Float64, period_mps: float) -> Float64:
     """Take velocities [m/s] to the nearest multiple of the period; unchanged where that is 0."""
     if period_mps <= 0:
         return velocity_mps
-    result: Float64 = velocity_mps - period_mps * np.floor(velocity_mps / period_mps + 0.5)
-    return result
+    return velocity_mps - period_mps * np.floor(velocity_mps / period_mps + 0.5)
 
 
 def sensor_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
@@ -154,19 +142,13 @@ def sensor_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
     f, s = np.unravel_index(int(np.argmax(scores)), scores.shape)
     velocity = np.array([forward[slowest[f]], sideways[s]])
     for times in (3.0, 2.0, 1.5, 1.0, 1.0, 1.0):
-        velocity = velocity + _correction(echoes, velocity, times * params.band_mps)
+        rest = over_ground(echoes, velocity)
+        near = np.abs(rest) < times * params.band_mps
+        x, y, r = echoes.direction[near, 0], echoes.direction[near, 1], rest[near]
+        xx, xy, yy = (x * x).sum() + 1e-9, (x * y).sum(), (y * y).sum() + 1.0
+        xr, yr = (x * r).sum(), (y * r).sum()
+        velocity = velocity + np.array([yr * xy - xr * yy, xr * xy - yr * xx]) / (xx * yy - xy * xy)
     return velocity
-
-
-def _correction(echoes: Echoes, velocity: Float64, band_mps: float) -> Float64:
-    rest = over_ground(echoes, velocity)
-    near = np.abs(rest) < band_mps
-    x, y, r = echoes.direction[near, 0], echoes.direction[near, 1], rest[near]
-    xx, xy, yy = (x * x).sum() + 1e-9, (x * y).sum(), (y * y).sum() + 1.0
-    xr, yr = (x * r).sum(), (y * r).sum()
-    determinant = xx * yy - xy * xy
-    step: Float64 = np.array([yr * xy - xr * yy, xr * xy - yr * xx]) / determinant
-    return step
 
 
 def over_ground(echoes: Echoes, velocity: Float64) -> Float64:
@@ -189,24 +171,15 @@ def own_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
 
 
 @dataclass(frozen=True)
-class UnmeasuredParams:
+class UnmeasuredParams(CheckedParams, prefix="radar.unmeasured"):
     """What echoes without velocity must be like, since standing things can't be told from moving ones by it."""
 
-    strongest: float = 0.25
+    strongest: float = bounded(0.25, 0, 1)
     """Share of the echoes of one scan [0 to 1], the strongest, that is clustered; those of unknown magnitude are."""
-    least_kept: int = 200
+    least_kept: int = bounded(200, 0, 1e6)
     """So many of a scan's strongest echoes are clustered at least: sparse scans hold little that is weak."""
-    max_length_m: float = 15.0
-    """Longer clusters [m] are walls and hedges."""
-    max_width_m: float = 4.5
-    """Wider clusters [m] are buildings and trees."""
-
-    def __post_init__(self) -> None:
-        ranges = {
-            "strongest": (0.0, 1.0), "least_kept": (0, 1e6), "max_length_m": (0.1, 1000.0),
-            "max_width_m": (0.1, 1000.0),
-        }  # fmt: skip
-        require_ranges("radar.unmeasured", self, ranges)
+    max_length_m: float = bounded(15.0, 0.1, 1000)  # Longer clusters [m] are walls and hedges.
+    max_width_m: float = bounded(4.5, 0.1, 1000)  # Wider clusters [m] are buildings and trees.
 
 
 def strong(magnitude_db: Float64, params: UnmeasuredParams) -> Bool:
@@ -240,16 +213,12 @@ def add_unmeasured(
     number = int(cluster.max(initial=-1)) + 1
     for one in range(int(found.max(initial=-1)) + 1):
         members = rows[found == one]
-        if _may_be_vehicle(xyz[members, :2], params):
+        # Extents along and across the main axis, which is that of the largest variance.
+        x, y = (xyz[members, :2] - xyz[members, :2].mean(axis=0)).T
+        heading = 0.5 * np.arctan2(2 * (x * y).sum(), (x * x - y * y).sum())
+        cos, sin = np.cos(heading), np.sin(heading)
+        length, width = np.ptp(cos * x + sin * y), np.ptp(cos * y - sin * x)
+        if length <= params.max_length_m and width <= params.max_width_m:
             result[members] = number
             number += 1
     return result
-
-
-def _may_be_vehicle(xy: Float64, params: UnmeasuredParams) -> bool:
-    """Judge extents (N, 2) along and across the main axis, which is that of the largest variance."""
-    x, y = (xy - xy.mean(axis=0)).T
-    heading = 0.5 * np.arctan2(2 * (x * y).sum(), (x * x - y * y).sum())
-    cos, sin = np.cos(heading), np.sin(heading)
-    length, width = np.ptp(cos * x + sin * y), np.ptp(cos * y - sin * x)
-    return bool(length <= params.max_length_m and width <= params.max_width_m)

@@ -6,21 +6,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.sensors.points.clustering import Grouping
+from fbench.pipelines.sensors.points.clustering import ClusterParams
 from fbench.pipelines.sensors.points.grid import median
 from fbench.pipelines.sensors.points.merged import Echoes, radar_scans
 from fbench.pipelines.sensors.points.vehicle import VehicleSize
-from fbench.pipelines.sensors.radar.doppler import (
-    DopplerParams,
-    UnmeasuredParams,
-    add_unmeasured,
-    over_ground,
-    own_velocity,
-    strong,
-    velocity_periods,
-    with_logged_ego_motion,
-)
-from fbench.replay.contracts.params import StageClock, require_between, require_ranges
+from fbench.pipelines.sensors.radar import doppler
+from fbench.pipelines.sensors.radar.doppler import DopplerParams, UnmeasuredParams
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
@@ -34,30 +26,16 @@ _SPREADING_FROM_M = 20.0  # See `RadarParams.full_score_within_m`; chosen on dev
 
 
 @dataclass(frozen=True)
-class RadarClusterParams:
+class RadarClusterParams(ClusterParams, prefix="radar.cluster"):
     """Clustering of moving echoes, over x, y and velocity."""
 
-    method: str = "dbscan"
-    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
-    eps_m: float = 2.0
-    """Radius [m]."""
-    min_points: int = 5
-    """Echoes within the radius that make a core point, itself included."""
+    eps_m: float = bounded(2.0, 0.01, 100)  # Radius [m].
+    min_points: int = bounded(5, 1, 1e6)  # Echoes within the radius that make a core point, itself included.
     adaptive_from_m: float | None = None
     """Beyond this distance from the body's origin [m] the radius grows in proportion to it; none: it is the same
     everywhere."""
-    seconds: float = 1.0
+    seconds: float = bounded(1.0, 0, 100)
     """A difference in radial velocity of 1 m/s counts as a distance of this many meters [s]."""
-
-    def __post_init__(self) -> None:
-        ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "seconds": (0.0, 100.0)}
-        require_ranges("radar.cluster", self, ranges)
-        self.grouping.check("radar.cluster")
-
-    @property
-    def grouping(self) -> Grouping:
-        """What of this tells how points are grouped."""
-        return Grouping(self.method, self.eps_m, self.min_points, self.adaptive_from_m)
 
 
 OWN = ("max_range_m", "min_magnitude_db", "doppler")
@@ -65,37 +43,26 @@ OWN = ("max_range_m", "min_magnitude_db", "doppler")
 
 
 @dataclass(frozen=True)
-class RadarParams:
+class RadarParams(CheckedParams, prefix="radar"):
     """Parameters of detection by radar."""
 
-    max_range_m: float = 60.0
-    """Farthest echoes [m] that are used."""
-    min_magnitude_db: float = -math.inf
+    max_range_m: float = bounded(60.0, 1, 1000)  # Farthest echoes [m] that are used.
+    min_magnitude_db: float = bounded(-math.inf, -math.inf, 1e6)
     """Weaker echoes [dB or dBsm, as the sensor gives it] are left out; those of unknown magnitude stay."""
-    min_speed_mps: float = 0.3
+    min_speed_mps: float = bounded(0.3, 0, 100)
     """Slower echoes [m/s over ground] count as stationary: radar3d finds moving objects only."""
-    doppler: DopplerParams = field(default_factory=DopplerParams)
-    """How the ego motion is taken out of the velocities."""
-    cluster: RadarClusterParams = field(default_factory=RadarClusterParams)
-    """How echoes are grouped."""
+    doppler: DopplerParams = field(default_factory=DopplerParams)  # How the ego motion is taken out of the velocities.
+    cluster: RadarClusterParams = field(default_factory=RadarClusterParams)  # How echoes are grouped.
     unmeasured: UnmeasuredParams = field(default_factory=UnmeasuredParams)
     """What echoes of radars without Doppler must be like."""
-    size: VehicleSize = field(default_factory=VehicleSize)
-    """What clusters are completed to."""
-    full_score_echoes: float = 20.0
-    """A cluster of n echoes scores 1 - exp(-n / this)."""
-    full_score_within_m: float | None = None
+    size: VehicleSize = field(default_factory=VehicleSize)  # What clusters are completed to.
+    full_score_echoes: float = bounded(20.0, 0.1, 1e6)  # A cluster of n echoes scores 1 - exp(-n / this).
+    full_score_within_m: float | None = bounded(None, 1, 10_000)
     """Farther away [m] each echo counts as the square of the distance over this, as rays spread; none: 20 m in
     simulated logs, whose radars spread rays evenly, else an echo counts the same at any distance."""
 
     def __post_init__(self) -> None:
-        ranges = {
-            "max_range_m": (1.0, 1000.0), "min_magnitude_db": (-math.inf, 1e6), "min_speed_mps": (0.0, 100.0),
-            "full_score_echoes": (0.1, 1e6),
-        }  # fmt: skip
-        require_ranges("radar", self, ranges)
-        if self.full_score_within_m is not None:
-            require_between("radar.full_score_within_m", self.full_score_within_m, 1.0, 10_000.0)
+        super().__post_init__()
         self.size.check("radar.size")
 
 
@@ -124,7 +91,7 @@ class Compensated:
     """
 
 
-def scoring(params: RadarParams, log_info: LogInfo) -> RadarParams:
+def resolve_scoring(params: RadarParams, log_info: LogInfo) -> RadarParams:
     """Return parameters that say how echoes of this log's radars count."""
     if params.full_score_within_m is not None or SIMULATED not in log_info.metadata:
         return params
@@ -135,25 +102,18 @@ def compensate(scans: Sequence[Echoes], own: Mapping[str, RadarParams]) -> Compe
     """Merge the echoes of one or several radars, whose parameters `own` holds by name, within range, and take the ego
     motion out of their velocities: each radar moves in its own way where the vehicle turns.
     """
-    parts = [_compensate(scan, own[scan.sensor]) for scan in scans]
+    parts = []
+    for scan in scans:
+        params = own[scan.sensor]
+        near = np.hypot(scan.xyz[:, 0], scan.xyz[:, 1]) < params.max_range_m
+        near &= ~(scan.magnitude_db < params.min_magnitude_db)  # unknown ones are NaN, and no reason to drop an echo
+        period, velocity = np.full(len(scan.xyz), scan.period_mps), doppler.own_velocity(scan, params.doppler)
+        rate, direction = doppler.over_ground(scan, velocity), scan.direction[near]
+        toward = direction[:, 0] * velocity[0] + direction[:, 1] * velocity[1]
+        moved = np.full(len(toward), np.nan) if params.doppler.ego_motion == "removed" else toward
+        is_strong = doppler.strong(scan.magnitude_db[near], params.unmeasured)
+        parts.append((scan.xyz[near], direction, rate[near], period[near], is_strong, moved))
     return Compensated(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
-def _compensate(scan: Echoes, params: RadarParams) -> tuple[Float64, Float64, Float64, Float64, Bool, Float64]:
-    near = _is_near(scan, params)
-    period = np.full(len(scan.xyz), scan.period_mps)
-    velocity = own_velocity(scan, params.doppler)
-    rate = over_ground(scan, velocity)
-    toward = scan.direction[near, 0] * velocity[0] + scan.direction[near, 1] * velocity[1]
-    own = np.full(len(toward), np.nan) if params.doppler.ego_motion == "removed" else toward
-    is_strong = strong(scan.magnitude_db[near], params.unmeasured)
-    return scan.xyz[near], scan.direction[near], rate[near], period[near], is_strong, own
-
-
-def _is_near(scan: Echoes, params: RadarParams) -> Bool:
-    """Tell which echoes (N,) are used; unknown magnitudes are NaN, and no reason to drop an echo."""
-    near = np.hypot(scan.xyz[:, 0], scan.xyz[:, 1]) < params.max_range_m
-    return np.asarray(near & ~(scan.magnitude_db < params.min_magnitude_db), np.bool_)
 
 
 def detect(echoes: Compensated, params: RadarParams) -> RadarView:
@@ -175,7 +135,7 @@ def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
     if np.isfinite(echoes.range_rate_mps).all():
         return result
     where = echoes.xyz, echoes.range_rate_mps
-    return add_unmeasured(*where, echoes.is_strong, result, grouping, params.unmeasured)
+    return doppler.add_unmeasured(*where, echoes.is_strong, result, grouping, params.unmeasured)
 
 
 def _unbroken(rate_mps: Float64, period_mps: float) -> Float64:
@@ -192,17 +152,12 @@ def _boxes(echoes: Compensated, cluster: Int64, params: RadarParams) -> Boxes3D:
     rate = np.array([median_rate(echoes.range_rate_mps[r], echoes.period_mps[r]) for r in rows])
     velocity = np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate])
     others = np.full((len(rows), 2), (size.width_m, size.height_m))
-    score = _scores(np.array([len(r) for r in rows]), center, params)
+    num, from_m = np.array([len(r) for r in rows]), params.full_score_within_m
+    growth = 1.0 if from_m is None else np.maximum(1.0, np.hypot(center[:, 0], center[:, 1]) / from_m) ** 2
+    score = 1 - np.exp(-num * growth / params.full_score_echoes)
     # A radar sees no heading: most traffic is parallel to the own way, and what is longer than a car was seen along it.
     yaw = np.where(length > size.length_m, bearing, 0.0)
     return Boxes3D(center, np.column_stack([length, others]), yaw, velocity_mps=velocity, score=score)
-
-
-def _scores(num: Int64, center_m: Float64, params: RadarParams) -> Float64:
-    """Scores (N,) of clusters with so many echoes (N,) around centers (N, 3)."""
-    from_m = params.full_score_within_m
-    growth = 1.0 if from_m is None else np.maximum(1.0, np.hypot(center_m[:, 0], center_m[:, 1]) / from_m) ** 2
-    return np.asarray(1 - np.exp(-num * growth / params.full_score_echoes), np.float64)
 
 
 def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64, float, float]:
@@ -226,9 +181,8 @@ def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64
 
 
 def median_rate(rate_mps: Float64, period_mps: Float64) -> float:
-    """Median radial velocity [m/s] of one cluster, by the least ambiguous of the radars that see it.
-
-    What is still ambiguous is taken to be the slower of the two.
+    """Median radial velocity [m/s] of one cluster, by the least ambiguous of the radars that see it. What is still
+    ambiguous is taken to be the slower of the two.
     """
     known = np.isfinite(rate_mps)
     if not known.any():
@@ -240,18 +194,16 @@ def median_rate(rate_mps: Float64, period_mps: Float64) -> float:
 
 
 class RadarStage:
-    """Knows with which period the velocities of each radar alias. Raises LogError where the log's metadata give a
-    period that is none.
-    """
+    """Knows with which period each radar's velocities alias. Raises LogError where a period in the log is none."""
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: RadarParams, settings: SensorSettings) -> None:
-        self._rig, self._params = rig, scoring(params, log_info)
+        self._rig, self._params = rig, resolve_scoring(params, log_info)
         self._own = {
-            name: replace(own, doppler=with_logged_ego_motion(name, log_info, own.doppler))
+            name: replace(own, doppler=doppler.with_logged_ego_motion(name, log_info, own.doppler))
             for name, own in settings.own("radar", params, OWN).items()
         }
         self._periods = {
-            name: velocity_periods((name,), log_info, own.doppler)[name] for name, own in self._own.items()
+            name: doppler.velocity_periods((name,), log_info, own.doppler)[name] for name, own in self._own.items()
         }
 
     def view(self, frame: Frame, clock: StageClock) -> RadarView:

@@ -1,16 +1,100 @@
-"""Depth by stereo: disparity by semi-global matching, its quality, and points in body coordinates."""
+"""Depth by stereo: rectification, disparity by semi-global matching, its quality, and points in body coordinates."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.sensors.stereo.rectify import Rectifier
-from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import require_ranges
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Float32, Float64, Int64
 from fbench.replay.data.images import Pixels
+from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.geometry.camera import is_pinhole, require_projection
 from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.stereo_pairs import MAX_ANGLE_DEG, Pair, Rectified, pairs, rectify
+from fbench.replay.geometry.transforms import inverse
+
+_STRAIGHT_PX = 0.05  # Rows that differ by less than this count as the same: images were rectified before
+
+
+def choose_pair(rig: Rig, log_name: str, left: str | None, right: str | None) -> Pair:
+    """Return the pair with the longest baseline, the first by name of equally long ones, or of those named. Raises
+    ConfigError where a name isn't that of a camera. Raises LogError where the rig has no such pair, or a camera of it
+    can't be projected into.
+    """
+    cameras = rig.sensors("camera")
+    for side, name in (("left", left), ("right", right)):
+        if name is not None and name not in cameras:
+            raise ConfigError(f"stereo.{side}={name}: no such camera{did_you_mean(name, cameras)}")
+    fitting = [p for p in pairs(rig) if left in (None, p.left) and right in (None, p.right)]
+    if not fitting:
+        wanted = (
+            f"stereo3d needs two cameras of one size with calibration, parallel within {MAX_ANGLE_DEG:g} degrees, 0.05 "
+            "to 2 m side by side"
+        )
+        if left is not None or right is not None:
+            wanted += f" (stereo.left={left or 'any'}, stereo.right={right or 'any'})"
+        sizes = {name: "{}x{}".format(*camera.size_wh) for name, camera in rig.cameras.items()}
+        present = ", ".join(f"{name} {sizes[name]}" if name in sizes else name for name in cameras) or "no cameras"
+        raise LogError(f"log '{log_name}': {wanted}; the log has: {present}", "CFG001")
+    pair = min(fitting, key=lambda p: (-round(p.baseline_m, 6), p.left, p.right))
+    for name in (pair.left, pair.right):
+        require_projection(rig, name)
+    return pair
+
+
+@dataclass(frozen=True, eq=False)
+class Rectifier:
+    """Makes grey rectified images of one size from those of a pair, with maps that are computed once."""
+
+    pair: Pair
+    camera: CameraModel  # The left camera, shrunk and rectified; the right one is the same, `baseline_m` to its right
+    baseline_m: float
+    body_T_camera: Float64  # (4, 4) pose of the rectified left camera in body coordinates
+    maps: Rectified | None  # How shrunk images are rectified; `None` where they are already
+
+    def images(self, left: Pixels, right: Pixels) -> tuple[Pixels, Pixels]:
+        """Shrink and rectify two grey images (H, W), to (h, w)."""
+        import cv2
+
+        size = self.camera.size_wh
+        one, other = (
+            image if image.shape[::-1] == size else np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+            for image in (left, right)
+        )
+        return (one, other) if self.maps is None else self.maps.images(one, other)
+
+
+def rectifier(rig: Rig, pair: Pair, shrink: int) -> Rectifier:
+    """Compute how a pair is shrunk and rectified. Raises LogError for an unknown lens, or images too small to match."""
+    cameras = {}
+    for name in (pair.left, pair.right):  # pixel centers stay at integers
+        camera, K = rig.cameras[name], rig.cameras[name].K.copy()
+        width, height = (max(side // shrink, 1) for side in camera.size_wh)
+        ratio = np.array([width, height]) / np.array(camera.size_wh)
+        K[:2] *= ratio[:, None]
+        K[:2, 2] += 0.5 * ratio - 0.5
+        cameras[name] = CameraModel(K, (width, height), camera.distortion_model, camera.distortion)
+    small = Rig(rig.mounts, cameras)
+    how = rectify(small, pair)
+    body_T_left = rig.body_T_sensor(pair.left)
+    if _is_straight(small, pair):
+        return Rectifier(pair, small.cameras[pair.left], pair.baseline_m, body_T_left, None)
+    return Rectifier(pair, how.camera, how.baseline_m, body_T_left @ inverse(how.rectified_T_left), how)
+
+
+def _is_straight(rig: Rig, pair: Pair) -> bool:
+    """Tell whether both cameras have the same `K`, no lens, parallel axes, and only x between them."""
+    left, right = rig.cameras[pair.left], rig.cameras[pair.right]
+    if not (is_pinhole(left) and is_pinhole(right)) or np.abs(left.K - right.K).max() > _STRAIGHT_PX:
+        return False
+    left_T_right = inverse(rig.body_T_sensor(pair.left)) @ rig.body_T_sensor(pair.right)
+    turned = float(np.abs(left_T_right[:3, :3] - np.eye(3)).max())
+    aside = float(np.abs(left_T_right[1:3, 3]).max()) / pair.baseline_m
+    # Turned by an angle a, pixels move by about a times the distance to the corners; aside, by the share of disparity.
+    reach = float(np.hypot(*left.size_wh)) + float(left.K[0, 0])
+    return turned * reach < _STRAIGHT_PX and aside * left.size_wh[0] / 8 < _STRAIGHT_PX
 
 
 @kernel
@@ -68,35 +152,21 @@ _HEIGHT_M = 6.0  # Points farther above or below the camera [m] are left out
 
 
 @dataclass(frozen=True)
-class DepthParams:
-    """Pixels become points; those of one cell of columns, disparity and height become one, their mean.
-
-    Cells grow with depth as its error does, so that each holds about as much noise: dZ = Z^2 / (f B) dd.
+class DepthParams(CheckedParams, prefix="stereo.depth"):
+    """Pixels become points; those of one cell of columns, disparity and height become one, their mean. Cells grow with
+    depth as its error does, so that each holds about as much noise: dZ = Z^2 / (f B) dd.
     """
 
-    max_range_m: float = 40.0
-    """Farther depths [m] are left out, the sky with them."""
-    cell_px: int = 4
-    """Columns of a cell [px] of the shrunk image."""
-    cell_disparity_px: float = 0.5
-    """Its range of disparities [px]."""
-    cell_height_m: float = 0.25
-    """Its height [m]."""
-    min_pixels: int = 8
-    """Cells with fewer pixels are noise."""
-
-    def __post_init__(self) -> None:
-        ranges = {
-            "max_range_m": (1.0, 500.0), "cell_px": (1, 100), "cell_disparity_px": (0.05, 100.0),
-            "cell_height_m": (0.05, 10.0), "min_pixels": (1, 10_000),
-        }  # fmt: skip
-        require_ranges("stereo.depth", self, ranges)
+    max_range_m: float = bounded(40.0, 1, 500)  # Farther depths [m] are left out, the sky with them.
+    cell_px: int = bounded(4, 1, 100)  # Columns of a cell [px] of the shrunk image.
+    cell_disparity_px: float = bounded(0.5, 0.05, 100)  # Its range of disparities [px].
+    cell_height_m: float = bounded(0.25, 0.05, 10)  # Its height [m].
+    min_pixels: int = bounded(8, 1, 10_000)  # Cells with fewer pixels are noise.
 
 
 def points(disparity: Float32, how: Rectifier, nearest_m: float, params: DepthParams) -> Float64:
-    """Points (N, 3) [m] in body coordinates, in lexicographic order.
-
-    Takes disparities (H, W) [px] of the rectified left image, NaN where unknown; nearer depths are left out, too.
+    """Points (N, 3) [m] in body coordinates, in lexicographic order. Takes disparities (H, W) [px] of the rectified
+    left image, NaN where unknown; nearer depths are left out, too.
     """
     K, t = how.camera.K, how.body_T_camera[:3, 3]
     per_px = np.array([[1 / K[0, 0], -K[0, 2] / K[0, 0]], [1 / K[1, 1], -K[1, 2] / K[1, 1]]])
@@ -113,39 +183,30 @@ _STEP = 16  # OpenCV searches a multiple of so many disparities, and gives them 
 
 
 @dataclass(frozen=True)
-class DisparityParams:
+class DisparityParams(CheckedParams, prefix="stereo.disparity"):
     """Semi-global block matching (Hirschmueller, PAMI 2008); all pixels are those of the shrunk images."""
 
-    shrink: int = 2
+    shrink: int = bounded(2, 1, 8)
     """Images are made smaller by this factor before they are matched: 2 is about four times as fast as 1, and depth is
     half as exact.
     """
-    nearest_m: float = 3.0
+    nearest_m: float = bounded(3.0, 0.1, 100)
     """Nearer things [m] aren't found: the disparities that are searched end at f B / nearest_m."""
-    max_disparity_px: int = 192
+    max_disparity_px: int = bounded(192, 16, 1024)
     """No larger disparities [px] are searched, however near `nearest_m` is."""
-    block_px: int = 5
-    """Edge of the blocks that are compared [px], odd."""
+    block_px: int = bounded(5, 1, 31)  # Edge of the blocks that are compared [px], odd.
     smoothness: tuple[int, int] = (8, 32)
     """Penalty on a step of one disparity, and on a larger one, in grey levels for each pixel of a block."""
-    uniqueness: int = 10
-    """By how much [%] the best match must be better than the second."""
-    left_right_px: int = 1
-    """By how much [px] matching from the right image may differ."""
-    speckle_px: int = 60
-    """Patches of like disparity with fewer pixels are dropped."""
-    texture: float = 1.0
+    uniqueness: int = bounded(10, 0, 100)  # By how much [%] the best match must be better than the second.
+    left_right_px: int = bounded(1, 0, 100)  # By how much [px] matching from the right image may differ.
+    speckle_px: int = bounded(60, 0, 10_000)  # Patches of like disparity with fewer pixels are dropped.
+    texture: float = bounded(1.0, 0, 255)
     """Mean step between horizontal neighbors [grey levels] in a block twice as wide: flatter places, such as the sky,
     can't be matched.
     """
 
     def __post_init__(self) -> None:
-        ranges = {
-            "shrink": (1, 8), "nearest_m": (0.1, 100.0), "max_disparity_px": (16, 1024), "block_px": (1, 31),
-            "uniqueness": (0, 100), "left_right_px": (0, 100), "speckle_px": (0, 10_000),
-            "texture": (0.0, 255.0),
-        }  # fmt: skip
-        require_ranges("stereo.disparity", self, ranges)
+        super().__post_init__()
         one, more = self.smoothness
         if self.block_px % 2 == 0:
             raise ConfigError(f"stereo.disparity.block_px: expected an odd number, got {self.block_px}")
@@ -201,21 +262,17 @@ _QUALITY_HEIGHT_M = (0.3, 4.0)  # Cameras of vehicles are this high above the gr
 
 
 @dataclass(frozen=True)
-class QualityParams:
+class QualityParams(CheckedParams, prefix="stereo.quality"):
     """When depth is taken for noise: in rain and by night images differ by more than their texture, fog takes it."""
 
-    min_share: float = 0.62
+    min_share: float = bounded(0.62, 0, 1)
     """Share of the pixels below the horizon that need a sure match [0 to 1]; with fewer, stereo is left out."""
-    texture: float = 1.2
+    texture: float = bounded(1.2, 0, 255)
     """Sure matches have at least this texture [grey levels], see `disparity.texture`."""
-    mismatch: float = 0.8
+    mismatch: float = bounded(0.8, 0, 1000)
     """Mean difference of the matched pixels around them, as a multiple of the texture: at most this. Divided by the
     texture, a difference in brightness is about the error of disparity [px] that it causes.
     """
-
-    def __post_init__(self) -> None:
-        ranges = {"min_share": (0.0, 1.0), "texture": (0.0, 255.0), "mismatch": (0.0, 1000.0)}
-        require_ranges("stereo.quality", self, ranges)
 
 
 def last_row(disparity: Float32, how: Rectifier, most_px: float) -> int:
@@ -242,9 +299,8 @@ def last_row(disparity: Float32, how: Rectifier, most_px: float) -> int:
 def sure_share(
     left: Pixels, right: Pixels, disparity: Float32, texture: Float32, how: Rectifier, end: int, params: QualityParams
 ) -> float:
-    """Share [0 to 1] of the pixels from the horizon down to row `end` whose match is sure; 0 where none is there.
-
-    Takes rectified grey images, disparity and texture of the left one, all (H, W).
+    """Share [0 to 1] of the pixels from the horizon down to row `end` whose match is sure; 0 where none is there. Takes
+    rectified grey images, disparity and texture of the left one, all (H, W).
     """
     import cv2
 

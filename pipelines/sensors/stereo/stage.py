@@ -1,26 +1,27 @@
 """Depth by one stereo pair, timed, and vehicles in its points."""
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 
+from fbench.pipelines.sensors.lidar import lidar
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams
-from fbench.pipelines.sensors.lidar.lidar import (
-    LidarClusterParams,
-    LidarParams,
-    LidarView,
-    classify_obstacles,
-    obstacles,
-)
+from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams, LidarView
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.points.vehicle import VehicleSize, fading
 from fbench.pipelines.sensors.stereo import depth as quality
-from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams, points
-from fbench.pipelines.sensors.stereo.rectify import choose_pair, rectifier
+from fbench.pipelines.sensors.stereo.depth import (
+    DepthParams,
+    DisparityParams,
+    Matcher,
+    QualityParams,
+    choose_pair,
+    points,
+    rectifier,
+)
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import StageClock, require_ranges
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.images import Pixels, decode_grey
@@ -32,16 +33,11 @@ from fbench.replay.data.rig import Rig
 class StereoParams:
     """Parameters of depth by stereo."""
 
-    left: str | None = None
-    """Name of the left camera; none: that of the pair with the longest baseline."""
-    right: str | None = None
-    """Name of the right camera; none: see `left`."""
-    disparity: DisparityParams = field(default_factory=DisparityParams)
-    """How the images are matched."""
-    quality: QualityParams = field(default_factory=QualityParams)
-    """When depth is taken for noise."""
-    depth: DepthParams = field(default_factory=DepthParams)
-    """What depth becomes."""
+    left: str | None = None  # Name of the left camera; none: that of the pair with the longest baseline.
+    right: str | None = None  # Name of the right camera; none: see `left`.
+    disparity: DisparityParams = field(default_factory=DisparityParams)  # How the images are matched.
+    quality: QualityParams = field(default_factory=QualityParams)  # When depth is taken for noise.
+    depth: DepthParams = field(default_factory=DepthParams)  # What depth becomes.
 
 
 NOISE = "stereo depth is noise"  # Why stereo is left out of a frame whose images match too badly
@@ -67,8 +63,7 @@ class StereoStage:
     def __init__(self, rig: Rig, log_name: str, params: StereoParams) -> None:
         self._params = params
         self._sizes = {name: camera.size_wh for name, camera in rig.cameras.items()}
-        self.pair = choose_pair(rig, log_name, params.left, params.right)
-        """The cameras that are used."""
+        self.pair = choose_pair(rig, log_name, params.left, params.right)  # The cameras that are used
         self._how = rectifier(rig, self.pair, params.disparity.shrink)
         camera, self.eye_m = self._how.camera, self._how.body_T_camera[:2, 3]
         self._matcher = Matcher(float(camera.K[0, 0]), self._how.baseline_m, camera.size_wh[0], params.disparity)
@@ -109,18 +104,16 @@ class StereoStage:
 
 
 @dataclass(frozen=True)
-class StereoGroundParams(GroundParams):
+class StereoGroundParams(GroundParams, prefix="objects.ground"):
     """How the ground is found in points of stereo."""
 
-    where: ClassVar[str] = "objects.ground"
-    tolerance_m: float = 0.3
+    tolerance_m: float = bounded(0.3, 0, 10)
 
 
 @dataclass(frozen=True)
-class StereoShapeParams(CarShapeParams):
+class StereoShapeParams(CarShapeParams, prefix="objects.shape"):
     """What a cluster of stereo must be like: errors of depth widen clusters and fill them."""
 
-    where: ClassVar[str] = "objects.shape"
     top_m: tuple[float, float] = (2.2, 2.6)
     least_extent_m: tuple[float, float] = (1.2, 0.6)
     most_length_m: tuple[float, float] = (6.0, 8.0)
@@ -131,42 +124,28 @@ class StereoShapeParams(CarShapeParams):
 
 
 @dataclass(frozen=True)
-class StereoClusterParams:
+class StereoClusterParams(CheckedParams, prefix="objects.cluster"):
     """DBSCAN on what stands on the ground, seen from above, with radii that grow with range r."""
 
-    eps_m: float = 0.5
+    eps_m: float = bounded(0.5, 0.01, 100)
     """Least radius along the line of sight [m]: it is eps_m + 2 r^2 / (f B) sigma_px."""
-    sigma_px: float = 0.1
+    sigma_px: float = bounded(0.1, 0.001, 100)
     """Error of disparity [px] of the shrunk image that is bridged; errors of neighbors are alike."""
-    eps_rad: float = 0.04
-    """Radius across the line of sight [rad]: 0.8 m at 20 m."""
-    min_points: int = 5
-    """Points within the radius that make a core point, itself included."""
-    max_height_m: float = 2.5
-    """Points higher above the ground [m] are left out."""
-
-    def __post_init__(self) -> None:
-        ranges = {
-            "eps_m": (0.01, 100.0), "sigma_px": (0.001, 100.0), "eps_rad": (0.001, 3.0), "min_points": (1, 1e6),
-            "max_height_m": (0.1, 100.0),
-        }  # fmt: skip
-        require_ranges("objects.cluster", self, ranges)
+    eps_rad: float = bounded(0.04, 0.001, 3)  # Radius across the line of sight [rad]: 0.8 m at 20 m.
+    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    max_height_m: float = bounded(2.5, 0.1, 100)  # Points higher above the ground [m] are left out.
 
 
 @dataclass(frozen=True)
 class ObjectParams:
     """What becomes of the points."""
 
-    ground: StereoGroundParams = field(default_factory=StereoGroundParams)
-    """How the ground is found."""
-    cluster: StereoClusterParams = field(default_factory=StereoClusterParams)
-    """How points are grouped."""
+    ground: StereoGroundParams = field(default_factory=StereoGroundParams)  # How the ground is found.
+    cluster: StereoClusterParams = field(default_factory=StereoClusterParams)  # How points are grouped.
     least_top_m: tuple[float, float] = (1.0, 0.8)
     """Height of a cluster's highest point [m]: from the first on fine, below the second no vehicle but a barrier."""
-    size: VehicleSize = field(default_factory=VehicleSize)
-    """What partly seen vehicles are completed to."""
-    shape: StereoShapeParams = field(default_factory=StereoShapeParams)
-    """What a cluster must look like."""
+    size: VehicleSize = field(default_factory=VehicleSize)  # What partly seen vehicles are completed to.
+    shape: StereoShapeParams = field(default_factory=StereoShapeParams)  # What a cluster must look like.
 
     def __post_init__(self) -> None:
         self.size.check("objects.size")
@@ -182,16 +161,18 @@ class ObjectParams:
 
 
 def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectParams) -> LidarView:
-    """Find vehicles in points (N, 3) in body coordinates [m] and lexicographic order.
-
-    `eye_m` (2,) is where the left camera is, `focal_baseline` f B [px m] what depth follows from.
+    """Find vehicles in points (N, 3) in body coordinates [m] and lexicographic order. `eye_m` (2,) is where the left
+    camera is, `focal_baseline` f B [px m] what depth follows from.
     """
     how = params.as_lidar
-    found = obstacles(xyz, how)
-    cluster = dbscan(
-        _even_out(found.xyz[:, :2] - eye_m, focal_baseline, params.cluster), 1.0, params.cluster.min_points
-    )
-    view = classify_obstacles(found, cluster, eye_m, how)
+    found = lidar.obstacles(xyz, how)
+    # Points are moved to where a radius of 1 is that of the parameters everywhere: across the line of sight that is the
+    # azimuth over eps_rad, along it the integral of dr / (e + k r^2), which is atan(r sqrt(k / e)) / sqrt(k e).
+    x, y = (found.xyz[:, :2] - eye_m).T
+    own, growth = params.cluster, 2 * params.cluster.sigma_px / focal_baseline
+    along = np.arctan(np.hypot(x, y) * np.sqrt(growth / own.eps_m)) / np.sqrt(growth * own.eps_m)
+    cluster = dbscan(np.column_stack([along, np.arctan2(y, x) / own.eps_rad]), 1.0, own.min_points)
+    view = lidar.classify_obstacles(found, cluster, eye_m, how)
     score = view.boxes.score
     if view.plane is None or score is None or not len(score):
         return view
@@ -199,15 +180,3 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     first = np.flatnonzero(np.diff(view.cluster[member], prepend=-1))
     top_m = np.maximum.reduceat((view.xyz[:, 2] - view.plane.z_m(view.xyz))[member], first)
     return replace(view, boxes=replace(view.boxes, score=score * fading(top_m, *params.least_top_m)))
-
-
-def _even_out(xy: Float64, focal_baseline: float, params: StereoClusterParams) -> Float64:
-    """Move points (N, 2) [m] seen from the camera to where a radius of 1 is that of the parameters everywhere.
-
-    Across the line of sight that is the azimuth over eps_rad; along it the integral of dr / (e + k r^2), which is
-    atan(r sqrt(k / e)) / sqrt(k e).
-    """
-    range_m, azimuth = np.hypot(xy[:, 0], xy[:, 1]), np.arctan2(xy[:, 1], xy[:, 0])
-    growth = 2 * params.sigma_px / focal_baseline
-    along = np.arctan(range_m * np.sqrt(growth / params.eps_m)) / np.sqrt(growth * params.eps_m)
-    return np.column_stack([along, azimuth / params.eps_rad])

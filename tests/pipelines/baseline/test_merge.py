@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.baseline.boxes import iou, join_extents, make_extents, merge_boxes, no_extents
+from fbench.pipelines.baseline.boxes import Extents, iou, make_extents, merge_boxes, no_extents
 from fbench.replay.data.boxes import Source
 
 
@@ -90,10 +90,10 @@ BOXES = st.lists(st.tuples(*[st.integers(0, 20)] * 2, *[st.integers(1, 8)] * 2),
 @given(BOXES, BOXES, st.integers(1, 10))
 def test_as_a_plain_loop_does(first, second, tenths):
     a, b = (flat(*((x, y, x + w, y + h) for x, y, w, h in boxes)) for boxes in (first, second))
-    b = join_extents([b, no_extents(2)])
+    b = Extents.join([b, no_extents(2)])
     found, kept = merge_boxes([a, b], tenths / 10), [*range(len(first))]
     for row in range(len(second)):
         overlaps = [iou(b[row : row + 1], a[at : at + 1])[0, 0] for at in range(len(first))]
         if not overlaps or max(overlaps) < tenths / 10:
             kept.append(len(first) + row)
-    np.testing.assert_array_equal(found.low, join_extents([a, b]).low[kept])
+    np.testing.assert_array_equal(found.low, Extents.join([a, b]).low[kept])

@@ -8,14 +8,13 @@ from tests.pipelines.sensors.image.places import CAMERA, RIG, back, cloud, wall
 from fbench.pipelines.fusion.image import ImageFusionParams, ImageView, associate, fuse
 from fbench.pipelines.fusion.reliability import CameraReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.image.objects import SpotParams, spots
-from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera, by_points
+from fbench.pipelines.sensors.image.objects import spots
 from fbench.pipelines.sensors.image.params import LidarImageParams
-from fbench.pipelines.sensors.image.stage import Rays
+from fbench.pipelines.sensors.image.stage import SURE, ImageObservations, Rays, by_camera, by_points
 from fbench.replay.data.boxes import Source
 
 DEFAULT = LidarImageParams()
-PARAMS = SpotParams(DEFAULT.cluster, DEFAULT.shape, DEFAULT.margin_px)
+PARAMS = DEFAULT
 CAR = [379.0, 288.0, 420.0, 319.5]
 """What a camera shows of a car whose back is 20 m ahead."""
 
@@ -34,7 +33,7 @@ def view(camera=None, lidar=None, radar=None, early=True) -> ImageView:
             points[kind], found = spots(RIG, "cam", one, PARAMS)
             parts.append(by_points(found, kind))
             rays[kind] = Rays.of(RIG, "cam", one.xyz)
-    return ImageView(RIG, "cam", Sightings.join(parts), camera is not None, points if early else {}, rays)
+    return ImageView(RIG, "cam", ImageObservations.join(parts), camera is not None, points if early else {}, rays)
 
 
 def odds(probability):
@@ -98,10 +97,10 @@ def test_two_objects_at_different_depths_stay_two():
 
 def test_the_best_pair_is_joined_first_whichever_sensors_it_is_of():
     one = camera(CAR, [385.0, 288, 440, 319.5])
-    pairs = associate(Sightings.join([one, camera(CAR)]), 0.2)
+    pairs = associate(ImageObservations.join([one, camera(CAR)]), 0.2)
     assert [len(rows) for rows in pairs] == [1, 1, 1]  # boxes of one sensor are never joined
     lidar = by_points(spots(RIG, "cam", LIDAR, PARAMS)[1], Source.L)
-    both = Sightings.join([one, lidar.rows(lidar.score > 0.3)])
+    both = ImageObservations.join([one, lidar[lidar.score > 0.3]])
     joined = next(rows for rows in associate(both, 0.2) if len(rows) == 2)
     assert both.xyxy_px[joined[0]].tolist() == CAR
 
@@ -169,7 +168,7 @@ def test_a_weak_box_never_says_less_than_none():
 def test_weak_boxes_take_what_sure_ones_leave():
     beside = [383.0, 286.0, 424.0, 319.5]
     for sure, weak in ((CAR, beside), (beside, CAR)):  # also where the weak one fits better
-        both = Sightings.join([camera(sure, score=0.7), camera(weak, score=0.5)])
+        both = ImageObservations.join([camera(sure, score=0.7), camera(weak, score=0.5)])
         cars = found(both, lidar=LIDAR, radar=RADAR)
         assert cars.sources.tolist() == [7]
         assert np.abs(cars.xyxy_px[0] - sure).max() < np.abs(cars.xyxy_px[0] - weak).max()
@@ -199,7 +198,7 @@ def test_a_wrong_class_doesnt_make_two_objects_of_one():
 
 
 def test_of_objects_in_one_place_the_likeliest_stays():
-    two = Sightings.join([camera(CAR, score=0.7), camera([381.0, 288, 422, 319.5])])
+    two = ImageObservations.join([camera(CAR, score=0.7), camera([381.0, 288, 422, 319.5])])
     assert found(two).xyxy_px.tolist() == [[381.0, 288, 422, 319.5]]
 
 

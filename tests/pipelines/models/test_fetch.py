@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tests.weights_server import CONTENT, Server, cut_chunk, fails, redirects, sends, serving
 
-from fbench.pipelines.models.weights import Entry, downloaded, origin, store
+from fbench.pipelines.models.weights import Entry, download, origin, store
 from fbench.replay.contracts.errors import ModelError
 
 
@@ -27,7 +27,7 @@ def target(tmp_path: Path) -> Path:
 
 
 def fetch(entry: Entry, target: Path, timeout_s: float = 5.0) -> None:
-    store(entry, downloaded(entry, target, timeout_s), entry.url, target)
+    store(entry, download(entry, target, timeout_s), entry.url, target)
 
 
 def refused(entry: Entry, target: Path, timeout_s: float = 5.0) -> str:

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.models.batches import Batcher, View, crop, whole
-from fbench.pipelines.models.samples import INPUT_WH, Sample, TrainingSettings
+from fbench.pipelines.models.samples import INPUT_WH, Batcher, Sample, TrainingSettings, View, crop, whole
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image
 

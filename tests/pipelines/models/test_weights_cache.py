@@ -10,8 +10,8 @@ import pytest
 from fbench.pipelines.models.weights import (
     CATALOGUE,
     Entry,
-    entry_named,
     file_blocks,
+    find_entry,
     origin,
     resolve,
     resolve_settings,
@@ -160,7 +160,7 @@ def test_unknown_names(cached: Path):
     with pytest.raises(ConfigError, match=r"unknown weights 'tinny'; did you mean 'tiny'\?"):
         resolve(Path("tinny"), [ENTRY])
     with pytest.raises(ConfigError, match="there are: deimv2-atto, deimv2-femto"):
-        entry_named("resnet")
+        find_entry("resnet")
 
 
 def test_names_in_settings_of_sensors(cached: Path):
@@ -187,6 +187,6 @@ def test_the_real_file_is_the_published_one(shared: Path):
     path = shared / "weights" / "deimv2_femto" / "deimv2_hgnetv2_femto_coco.onnx"
     if not path.exists():
         pytest.skip(f"no weights at {path}")
-    entry = entry_named("deimv2-femto")
+    entry = find_entry("deimv2-femto")
     assert state(entry, path) == "good"
     assert state(replace(entry, sha256="0" * 64), path) == "damaged"

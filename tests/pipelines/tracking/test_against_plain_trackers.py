@@ -5,8 +5,7 @@ import pytest
 from tests.pipelines.tracking.plain_trackers import Plain2D, Plain3D
 
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 
 LABELS = np.array(["car", "van", "pedestrian", "bicycle", "other", "moose", "elk"])

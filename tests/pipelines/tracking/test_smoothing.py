@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.tracking.tracker3d import mean_yaw
+from fbench.pipelines.tracking.trackers import mean_yaw
 from fbench.pipelines.tracking.tracks import lower_predicted, mean_of, newest_share
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbench.pipelines.tracking.params import Tracker2DParams
-from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.trackers import Tracker2D
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.boxes import Boxes2D
 

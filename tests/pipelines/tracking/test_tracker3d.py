@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbench.pipelines.tracking.params import Tracker3DParams
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker3D
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
-from fbench.pipelines.tracking.tracker2d import Tracker2D
-from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse

@@ -10,7 +10,7 @@ from tests.pipelines.frames import JPEG, cloud, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.tracking.params import Tracker2DParams
-from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.trackers import Tracker2D
 from fbench.pipelines.variants.camera2d import Camera2D, Camera2DParams
 from fbench.pipelines.variants.fused import Late3D, Late3DParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams

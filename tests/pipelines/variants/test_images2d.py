@@ -10,7 +10,7 @@ import pytest
 from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
-from fbench.pipelines.variants.fused import Early2D, Early2DParams, Late2D, Late2DParams
+from fbench.pipelines.variants.fused import Early2D, FusedImagesParams, Late2D
 from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams
 from fbench.pipelines.variants.radar import Radar2D, Radar2DParams
 from fbench.replay.contracts.errors import ConfigError, LogError
@@ -21,8 +21,8 @@ from fbench.replay.data.rig import CameraModel, LogInfo, Rig
 LOG = LogInfo("drive", "id")
 ALL = "cam", "lidar", "radar"
 FUSIONS: dict[str, Callable[[Path], Early2D | Late2D]] = {
-    "early2d": lambda weights: Early2D(Early2DParams(camera=CameraParams(weights=weights))),
-    "late2d": lambda weights: Late2D(Late2DParams(camera=CameraParams(weights=weights))),
+    "early2d": lambda weights: Early2D(FusedImagesParams(camera=CameraParams(weights=weights))),
+    "late2d": lambda weights: Late2D(FusedImagesParams(camera=CameraParams(weights=weights))),
 }
 
 
@@ -117,7 +117,7 @@ def test_next_to_no_points(fusion: Early2D | Late2D, num: int):
 
 
 def test_between_detections_tracks_stand_for_them(one_car: Path):
-    pipeline = Early2D(Early2DParams(camera=CameraParams(weights=one_car), detect_every=2))
+    pipeline = Early2D(FusedImagesParams(camera=CameraParams(weights=one_car), detect_every=2))
     pipeline.start(rig(*ALL), LOG)
     pipeline.step(frame(0, image(), cloud(), scan()))
     between = pipeline.step(frame(1, image(), cloud(), scan()))
@@ -159,7 +159,7 @@ def test_cameras_that_cant_be_projected_into_are_left_out():
 
 
 def test_wrong_parameters():
-    for params in (Lidar2DParams, Radar2DParams, Early2DParams, Late2DParams):
+    for params in (Lidar2DParams, Radar2DParams, FusedImagesParams, FusedImagesParams):
         with pytest.raises(ConfigError, match="detect_every"):
             params(detect_every=0)
     with pytest.raises(ConfigError, match="min_score"):

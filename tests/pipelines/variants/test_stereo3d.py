@@ -5,7 +5,7 @@ import pytest
 from tests.pipelines.frames import UPRIGHT, assert_equal, fields
 from tests.pipelines.sensors.stereo.pairs import SIZE, K, car, frame, image, rig, road, wall
 
-from fbench.pipelines.sensors.stereo.rectify import choose_pair
+from fbench.pipelines.sensors.stereo.depth import choose_pair
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.settings import apply_settings

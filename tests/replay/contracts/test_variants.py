@@ -2,7 +2,7 @@
 
 import pytest
 
-from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS
+from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
 from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError
 from fbench.replay.contracts.plugins import make_pipeline, pipeline_class, pipeline_parameters
 from fbench.replay.contracts.variants import find_variants, sensors_of, variant_of

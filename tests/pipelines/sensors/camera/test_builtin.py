@@ -5,8 +5,15 @@ import pytest
 
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.request import CityRequest
-from fbench.pipelines.sensors.camera.detector import CameraDetector, CameraParams, Thresholds, thresholds
-from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS, builtin_identity, with_builtin
+from fbench.pipelines.sensors.camera.detector import (
+    CITY_WEIGHTS,
+    CameraDetector,
+    CameraParams,
+    Thresholds,
+    builtin_identity,
+    thresholds,
+    with_builtin,
+)
 from fbench.replay.contracts.errors import ModelError
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.images import decode

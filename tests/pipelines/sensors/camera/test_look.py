@@ -2,8 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.pipelines.sensors.camera.detector import CameraDetector, CameraParams
-from fbench.pipelines.sensors.camera.stage import look
+from fbench.pipelines.sensors.camera.detector import CameraDetector, CameraParams, look
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Fault
 from fbench.replay.data.images import encode_jpeg

@@ -3,17 +3,17 @@ import pytest
 from numpy.testing import assert_array_equal
 from tests.pipelines.sensors.image.places import RIG, back, cloud, wall
 
-from fbench.pipelines.sensors.image.objects import SpotParams, Spots, spots
+from fbench.pipelines.sensors.image.objects import Spots, spots
 from fbench.pipelines.sensors.image.params import LidarImageParams, ShapeParams
 from fbench.replay.contracts.errors import ConfigError
 
 DEFAULT = LidarImageParams()
-PARAMS = SpotParams(DEFAULT.cluster, DEFAULT.shape, DEFAULT.margin_px)
+PARAMS = DEFAULT
 
 
 def seen(*parts, **how) -> Spots:
     found = spots(RIG, "cam", cloud(*parts, **how), PARAMS)[1]
-    return found.rows(found.score > 0.3)
+    return found[found.score > 0.3]
 
 
 def test_a_car_before_a_wall_is_outlined_down_to_the_ground():

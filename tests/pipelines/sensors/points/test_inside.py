@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.sensors.lidar.classification import SortedPoints
+from fbench.pipelines.sensors.lidar.classification import measure_inside
 
 
 def one_by_one(rectangles, points, margin_m):
@@ -23,12 +23,12 @@ def test_points_in_rectangles_as_found_one_by_one(margin_m):
     points = random.uniform(-50, 50, (5000, 3))
     expected = one_by_one(rectangles, points, margin_m)
     assert expected[:, 0].max() > 3
-    np.testing.assert_array_equal(SortedPoints(points).inside(rectangles, margin_m), expected)
-    shuffled = SortedPoints(points[random.permutation(5000)])
-    np.testing.assert_array_equal(shuffled.inside(rectangles, margin_m), expected)
+    np.testing.assert_array_equal(measure_inside(points, rectangles, margin_m), expected)
+    shuffled = measure_inside(points[random.permutation(5000)], rectangles, margin_m)
+    np.testing.assert_array_equal(shuffled, expected)
 
 
 def test_nothing_inside():
     rectangle = np.array([[0.0, 1.0, 2.0, 1.0, 2.0]])
-    assert SortedPoints(np.zeros((0, 3))).inside(rectangle, 0.0).tolist() == [[0.0, -np.inf]]
-    assert SortedPoints(np.zeros((4, 3))).inside(rectangle[:0], 0.0).shape == (0, 2)
+    assert measure_inside(np.zeros((0, 3)), rectangle, 0.0).tolist() == [[0.0, -np.inf]]
+    assert measure_inside(np.zeros((4, 3)), rectangle[:0], 0.0).shape == (0, 2)

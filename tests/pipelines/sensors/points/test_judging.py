@@ -5,7 +5,7 @@ import pytest
 from tests.pipelines.frames import cloud, fields, frame, rig
 from tests.pipelines.scenes import road
 
-from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarView, detect, judging, obstacles
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarView, detect, obstacles, resolve_judge
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.metadata import SIMULATED
@@ -58,10 +58,10 @@ def test_rules_give_no_labels():
 
 
 def test_the_model_judges_simulated_logs_and_those_that_ask_for_it():
-    assert judging(LidarParams(), SIMULATION).judge == "model"
-    assert judging(LidarParams(), LogInfo("drive", "id")).judge == "rules"
-    assert judging(LidarParams(judge="rules"), SIMULATION).judge == "rules"
-    assert judging(LidarParams(judge="model"), LogInfo("drive", "id")).judge == "model"
+    assert resolve_judge(LidarParams(), SIMULATION).judge == "model"
+    assert resolve_judge(LidarParams(), LogInfo("drive", "id")).judge == "rules"
+    assert resolve_judge(LidarParams(judge="rules"), SIMULATION).judge == "rules"
+    assert resolve_judge(LidarParams(judge="model"), LogInfo("drive", "id")).judge == "model"
 
 
 def test_frames_without_boxes_have_the_same_fields_when_the_model_judges():

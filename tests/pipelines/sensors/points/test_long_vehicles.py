@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.sensors.lidar.lidar import LidarView
-from fbench.pipelines.sensors.lidar.stage import with_whole_trucks
+from fbench.pipelines.sensors.lidar.lidar import LidarView, with_whole_trucks
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.boxes import Boxes3D
 

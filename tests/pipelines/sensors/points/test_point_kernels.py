@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.pipelines.sensors.lidar.classification import SortedPoints
+from fbench.pipelines.sensors.lidar.classification import measure_inside
 from fbench.pipelines.sensors.points import dbscan as grids
 from fbench.pipelines.sensors.points.grid import (
     cell_bounds,
@@ -84,7 +84,7 @@ def test_points_inside_rectangles(seed):
     high, heading = low + rng.uniform(0, 10, (num, 2)), rng.uniform(-4, 4, num)
     margin_m = float(rng.choice([0.0, 0.5]))
     rectangles = np.column_stack([heading, low[:, 0], high[:, 0], low[:, 1], high[:, 1]])
-    found = SortedPoints(points).inside(rectangles, margin_m)
+    found = measure_inside(points, rectangles, margin_m)
     for m in range(num):
         c, s = np.cos(heading[m]), np.sin(heading[m])
         u, v = c * points[:, 0] + s * points[:, 1], c * points[:, 1] - s * points[:, 0]
@@ -234,5 +234,5 @@ def test_pairs_of_cells_are_all_that_may_touch_each_once(seed, num_axes):
 @pytest.mark.parametrize("num", [0, 1])
 def test_of_nothing(num):
     assert fit_rectangles(np.zeros((num, 2)), np.arange(num + 1), np.array([0.0]), 0.05).shape == (num, 6)
-    assert SortedPoints(np.zeros((num, 3))).inside(np.zeros((0, 5)), 0.0).shape == (0, 2)
+    assert measure_inside(np.zeros((num, 3)), np.zeros((0, 5)), 0.0).shape == (0, 2)
     assert agreement(np.zeros((num, 3)), np.zeros(num), np.zeros(1), np.zeros(1), 0.0, 1.0).shape == (1, 1)

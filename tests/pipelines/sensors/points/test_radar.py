@@ -6,7 +6,7 @@ from tests.pipelines.scenes import echoes, radial, surroundings
 
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.pipelines.sensors.radar.doppler import wrap_velocity
-from fbench.pipelines.sensors.radar.radar import RadarParams, compensate, detect, scoring
+from fbench.pipelines.sensors.radar.radar import RadarParams, compensate, detect, resolve_scoring
 from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo
 
@@ -50,9 +50,9 @@ def test_far_echoes_count_more_where_rays_spread():
 
 def test_rays_spread_in_simulated_logs():
     simulated, other = LogInfo("drive", "id", {SIMULATED: "city"}), LogInfo("drive", "id")
-    assert scoring(RadarParams(), simulated).full_score_within_m == 20.0
-    assert scoring(RadarParams(full_score_within_m=50.0), simulated).full_score_within_m == 50.0
-    assert scoring(RadarParams(), other).full_score_within_m is None
+    assert resolve_scoring(RadarParams(), simulated).full_score_within_m == 20.0
+    assert resolve_scoring(RadarParams(full_score_within_m=50.0), simulated).full_score_within_m == 50.0
+    assert resolve_scoring(RadarParams(), other).full_score_within_m is None
 
 
 def test_stationary_things_are_not_found():

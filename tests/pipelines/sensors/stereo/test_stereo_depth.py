@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from tests.pipelines.sensors.stereo.pairs import BASELINE_M, HEIGHT_M, K, frame, rig, road, seen, wall
 
-from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, points
-from fbench.pipelines.sensors.stereo.rectify import choose_pair, rectifier
+from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, choose_pair, points, rectifier
 from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock

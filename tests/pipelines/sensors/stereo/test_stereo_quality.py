@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from tests.pipelines.sensors.stereo.pairs import BASELINE_M, HEIGHT_M, SIZE, K, car, frame, image, rig, road, wall
 
-from fbench.pipelines.sensors.stereo.depth import DisparityParams, QualityParams, last_row
-from fbench.pipelines.sensors.stereo.rectify import choose_pair, rectifier
+from fbench.pipelines.sensors.stereo.depth import DisparityParams, QualityParams, choose_pair, last_row, rectifier
 from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock

@@ -1,4 +1,4 @@
-"""Tracking of boxes in 3D, in world coordinates where the body's pose is known."""
+"""Tracking of boxes: in space, in world coordinates where poses are known, and in images, each camera for itself."""
 
 from dataclasses import replace
 
@@ -6,14 +6,12 @@ import numpy as np
 
 from fbench.pipelines.tracking import association, kalman
 from fbench.pipelines.tracking.kalman import States
-from fbench.pipelines.tracking.params import Tracker3DParams
+from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.tracks import Columns, Tracker, Tracks, mean_of, newest_share
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.geometry.iou import distance_bev
 from fbench.replay.geometry.transforms import extrapolate, inverse, transform, wrap_angle
-
-__all__ = ["Tracker3D", "Tracker3DParams"]
 
 
 class EgoPoses:
@@ -46,7 +44,8 @@ class Tracker3D(Tracker[Boxes3D]):
     when the first pose comes; a pose missing later is extrapolated from the two before.
     """
 
-    place = "center_m"
+    kind, place = Boxes3D, "center_m"
+    carries = ("center_m", "size_lwh_m", "yaw_rad", "velocity_mps", "label", "score", "sources")
 
     def __init__(self, params: Tracker3DParams, *, any_order: bool = False) -> None:
         self._params = params
@@ -78,19 +77,6 @@ class Tracker3D(Tracker[Boxes3D]):
             "velocity_mps": transform(turn, detections["velocity_mps"]),
         }
 
-    def _columns(self, boxes: Boxes3D | None) -> Columns:
-        boxes = Boxes3D.empty() if boxes is None else boxes
-        num = len(boxes)
-        return {
-            "center_m": boxes.center_m,
-            "size_lwh_m": boxes.size_lwh_m,
-            "yaw_rad": boxes.yaw_rad,
-            "velocity_mps": np.full((num, 3), np.nan) if boxes.velocity_mps is None else boxes.velocity_mps,
-            "label": np.full(num, "other") if boxes.label is None else boxes.label,
-            "score": np.ones(num) if boxes.score is None else boxes.score,
-            "sources": np.zeros(num, np.uint8) if boxes.sources is None else boxes.sources,
-        }
-
     def _first_states(self, detections: Columns) -> States:
         center = detections["center_m"]
         rates = np.nan_to_num(detections["velocity_mps"]) if self._ego.known else np.zeros_like(center)
@@ -105,7 +91,10 @@ class Tracker3D(Tracker[Boxes3D]):
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         p, center, found = self._params, tracks.states.place, detections["center_m"]
         if p.association == "distance":
-            return association.nearness(distance_bev(center, found), self._gate_m(tracks, stamp_ns)), 0.0
+            has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._ego.known else np.False_
+            grow_mps = np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
+            gate_m = p.gate_m + grow_mps * ((stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9)
+            return association.nearness(distance_bev(center, found), gate_m), 0.0
         if p.association == "mahalanobis":
             near = association.mahalanobis_nearness(tracks.states, found, self._measured_std, p.max_mahalanobis)
             return near, 0.0
@@ -114,14 +103,6 @@ class Tracker3D(Tracker[Boxes3D]):
         if p.association == "giou":
             return association.as_similarity(association.giou_3d(a, b)), (p.min_giou + 1.0) / 2.0
         return association.footprint_iou(a, b), p.min_iou
-
-    def _gate_m(self, tracks: Tracks, stamp_ns: int) -> Float64:
-        """Greatest distance of a detection from each track (T,) [m]."""
-        p = self._params
-        has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._ego.known else np.False_
-        grow_mps = np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
-        unmeasured_s = (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
-        return np.asarray(p.gate_m + grow_mps * unmeasured_s, np.float64)
 
     def _carry(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
         """Means where the parameters ask for them, else what was measured."""
@@ -147,3 +128,85 @@ def mean_yaw(before: Float64, now: Float64, share: Float64) -> tuple[Float64, Bo
     backward = np.abs(change) > np.pi / 2
     change = np.where(backward, wrap_angle(change + np.pi), change)
     return wrap_angle(before + share * change), backward
+
+
+MIN_SHAPE = 1e-3  # Least area [px^2] and aspect ratio that a prediction can shrink to
+
+
+class Tracker2D(Tracker[Boxes2D]):
+    """Linear Kalman filter with constant velocity per box, state (x, y, s, r, vx, vy, vs, vr) (thesis, Tracking).
+
+    s is the box's area and r its width by its height. Detections join tracks of the same camera by IoU. Distance and
+    range rate of a track are those measured last; between measurements distance moves by range rate times time.
+    """
+
+    kind, place = Boxes2D, "xyxy_px"
+    carries = ("camera", "xyxy_px", "label", "score", "distance_m", "range_rate_mps", "sources")
+
+    def __init__(self, params: Tracker2DParams, *, any_order: bool = False) -> None:
+        self._params = params
+        super().__init__(params, any_order)
+
+    def _first_states(self, detections: Columns) -> States:
+        measured, measured_std = self._measure(detections)
+        return kalman.begin(measured, np.zeros_like(measured), measured_std, self._params.rate_std * _unit(measured))
+
+    def _measure(self, detections: Columns) -> tuple[Float64, Float64]:
+        from fbench.pipelines.tracking.kernels import as_measured  # numba takes a while to import
+
+        measured = as_measured(np.array(detections["xyxy_px"], np.float64, order="C"), MIN_SHAPE)
+        return measured, self._params.measured_std * _unit(measured)
+
+    def _predict(self, tracks: Tracks, dt_s: float) -> Tracks:
+        before = tracks.states
+        states = kalman.predict(before, dt_s, self._params.drift_std * _unit(before.place))
+        bad = states.place[:, 2:] < MIN_SHAPE
+        if bad.any():  # no area or aspect: keep that of before, and forget its rate
+            values = states.values.copy()
+            values[kalman.PLACE, :, 2:][bad] = np.maximum(before.place[:, 2:][bad], MIN_SHAPE)
+            values[kalman.RATE, :, 2:][bad] = 0.0
+            states = States(values)
+        rate = tracks.last["range_rate_mps"]
+        distance = tracks.last["distance_m"] + np.where(np.isnan(rate), 0.0, rate) * dt_s
+        return replace(tracks, states=states, last=tracks.last | {"distance_m": distance})
+
+    def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
+        p, least = self._params, 0.0
+        boxes, found = _corners(tracks.states.place), detections["xyxy_px"]
+        if p.association == "mahalanobis":
+            measured, std = self._measure(detections)
+            similarity = association.mahalanobis_nearness(tracks.states, measured, std, p.max_mahalanobis)
+        elif p.association == "giou":
+            similarity, least = association.as_similarity(association.giou_2d(boxes, found)), (p.min_giou + 1.0) / 2.0
+        else:
+            similarity, least = association.image_iou(boxes, found), p.min_iou
+        one, other = tracks.last["camera"], detections["camera"]
+        if len({*one.tolist(), *other.tolist()}) > 1:
+            similarity[one[:, None] != other[None, :]] = 0.0
+        return similarity, least
+
+    def _carry(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
+        kept: Columns = {}
+        for name in ("distance_m", "range_rate_mps"):
+            kept[name] = np.where(np.isnan(found[name]), tracks.last[name][at], found[name])
+        if self._params.score == "mean":
+            share = newest_share(tracks.hits[at] + 1, 0.0)
+            kept["score"] = mean_of(tracks.last["score"][at], found["score"], share)
+        return found | kept
+
+    def _boxes(self, found: Columns, states: States, pose: Float64 | None) -> Boxes2D:
+        return Boxes2D(**(found | {"xyxy_px": _corners(states.place)}))
+
+
+def _corners(measured: Float64) -> Float64:
+    """Left, top, right, bottom (N, 4) of center, area and aspect ratio."""
+    from fbench.pipelines.tracking.kernels import as_corners  # numba takes a while to import
+
+    return as_corners(np.array(measured, np.float64, order="C"))
+
+
+def _unit(measured: Float64) -> Float64:
+    """What one box size means for each component (N, 4): a side, a side, the area, the aspect ratio."""
+    unit = measured.copy()
+    unit[:, 0] = unit[:, 1] = np.sqrt(measured[:, 2])
+    return unit
