@@ -44,22 +44,16 @@ def latency_panels(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str,
 
     panels = []
     for run, label, table in zip(runs, labels, tables, strict=True):
-        bars = [
-            {"stage": stage, "p50": at(stage.p50_ms), "p95": at(stage.p95_ms), "p99": at(stage.p99_ms),
-             "max": at(stage.max_ms), "cut": (stage.max_ms or 0.0) > scale}
-            for stage in (table.stages if table else ())
-        ]  # fmt: skip
-        host = read_record(run, "host.json", Host)
-        facts = [
-            (name.removesuffix("_s"), f"{number(value, 2)}{' s' * name.endswith('_s')}")
-            if isinstance(value, float)
-            else (name.removesuffix("_s"), str(value))
-            for name, value in (host.root.items() if host else ())
-        ]
-        budget = at(table.budget_ms) if table else 0.0
-        panels.append(
-            {"label": label, "table": table, "host": facts, "bars": bars, "budget": budget, "scale_ms": scale}
-        )
+        bars = []
+        for stage in table.stages if table else ():
+            places = {name: at(getattr(stage, f"{name}_ms")) for name in ("p50", "p95", "p99", "max")}
+            bars.append({"stage": stage, "cut": (stage.max_ms or 0.0) > scale, **places})
+        facts, host = [], read_record(run, "host.json", Host)
+        for name, value in host.root.items() if host else ():
+            unit = " s" if name.endswith("_s") else ""
+            facts.append((name.removesuffix("_s"), number(value, 2) + unit if isinstance(value, float) else str(value)))
+        panel = {"label": label, "table": table, "host": facts, "bars": bars, "scale_ms": scale}
+        panels.append({**panel, "budget": at(table.budget_ms) if table else 0.0})
     return panels
 
 
@@ -227,17 +221,15 @@ def fault_lines(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, An
     tables = [read_record(run, "faults.json", FaultTable) for run in runs]
     columns = [{row.code: row for row in table.rows} if table else {} for table in tables]
     known = {code: FaultRow(code=code, behaviour=f.behaviour, text=f.text, count=0) for code, f in FAULTS.items()}
+    other = {code: row for column in columns for code, row in column.items() if code not in known}
     lines = []
-    for row in (
-        known | {code: row for column in columns for code, row in column.items() if code not in known}
-    ).values():
-        cells = [column.get(row.code) for column in columns]
-        lines.append({
-            "code": row.code, "text": row.text, "loses_data": row.behaviour == "count",
-            "counts": [DASH if cell is None else str(cell.count) for cell in cells],
-            "places": [(label, c.places) for label, c in zip(labels, cells, strict=True) if c and c.places],
-            "total": sum(cell.count for cell in cells if cell),
-        })  # fmt: skip
+    for code, row in (known | other).items():
+        cells = [column.get(code) for column in columns]
+        counts = [DASH if cell is None else str(cell.count) for cell in cells]
+        places = [(label, cell.places) for label, cell in zip(labels, cells, strict=True) if cell and cell.places]
+        total = sum(cell.count for cell in cells if cell)
+        line = {"code": code, "text": row.text, "loses_data": row.behaviour == "count"}
+        lines.append({**line, "counts": counts, "places": places, "total": total})
     return lines
 
 

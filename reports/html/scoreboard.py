@@ -117,21 +117,14 @@ def result_view(results: Results) -> dict[str, Any]:
 
 
 def _board(table: ResultTable) -> dict[str, Any]:
-    kinds = [column.kind for column in table.columns]
-    lines = [
-        {
-            "name": line.name,
-            "space": line.space,
-            "cells": [_figure(f, k) for f, k in zip(line.figures, kinds, strict=True)],
-        }
-        for line in table.lines
-    ]
-    has = [any(line.figures[i].published is not None for line in table.lines) for i in range(len(kinds))]
+    lines = []
+    for line in table.lines:
+        cells = [_figure(f, column.kind) for f, column in zip(line.figures, table.columns, strict=True)]
+        lines.append({"name": line.name, "space": line.space, "cells": cells})
+    has = [any(line.figures[i].published is not None for line in table.lines) for i in range(len(table.columns))]
     columns = [{"name": column.name, "has_published": own} for column, own in zip(table.columns, has, strict=True)]
-    return {
-        "title": table.title, "columns": columns, "lines": lines, "notes": table.notes,
-        "has_spaces": table.has_spaces, "has_published": any(has),
-    }  # fmt: skip
+    head = {"title": table.title, "notes": table.notes, "has_spaces": table.has_spaces, "has_published": any(has)}
+    return {**head, "columns": columns, "lines": lines}
 
 
 def _figure(figure: Figure, kind: Kind) -> dict[str, str]:
