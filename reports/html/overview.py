@@ -1,7 +1,6 @@
 """The head of the report: runs, faults, notices, latency, and the course of all frames, as the templates show them."""
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,17 +13,8 @@ from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import Manifest
 from fbench.replay.runs.shares import Predictions, predictions_of
 from fbench.replay.runs.tables import BoxTable
-from fbench.reports.html.records import (
-    DASH,
-    FaultRow,
-    FaultTable,
-    Host,
-    LatencyTable,
-    brief,
-    number,
-    read_record,
-    visible,
-)
+from fbench.reports.html import records
+from fbench.reports.html.records import DASH, FaultRow, FaultTable, brief, number, read_record, visible
 
 _BUDGET_SHARE, _P95_SHARE = 0.85, 0.7
 """Where budget and largest 95th percentile lie at most on the scale; what is slower than its end is cut off."""
@@ -34,7 +24,7 @@ def latency_panels(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str,
     """Gather latency and host of every run: `label`, `table`, `host`, `scale_ms`, and in percent of that scale, which
     is common to all, the `budget` and for each stage a bar; `cut` where the slowest frame lies beyond the scale.
     """
-    tables = [read_record(run, "latency.json", LatencyTable) for run in runs]
+    tables = [read_record(run, "latency.json", records.LatencyTable) for run in runs]
     ends = [table.budget_ms / _BUDGET_SHARE for table in tables if table]
     ends += [(stage.p95_ms or 0.0) / _P95_SHARE for table in tables if table for stage in table.stages]
     scale = max(ends, default=1.0) or 1.0
@@ -48,7 +38,7 @@ def latency_panels(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str,
         for stage in table.stages if table else ():
             places = {name: at(getattr(stage, f"{name}_ms")) for name in ("p50", "p95", "p99", "max")}
             bars.append({"stage": stage, "cut": (stage.max_ms or 0.0) > scale, **places})
-        facts, host = [], read_record(run, "host.json", Host)
+        facts, host = [], read_record(run, "host.json", records.Host)
         for name, value in host.root.items() if host else ():
             unit = " s" if name.endswith("_s") else ""
             facts.append((name.removesuffix("_s"), number(value, 2) + unit if isinstance(value, float) else str(value)))
@@ -236,13 +226,4 @@ def fault_lines(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, An
 def velocity_periods(runs: Sequence[Run]) -> list[str]:
     """Return the periods [m/s] with which radial velocities alias, as the metadata of the runs' logs say."""
     texts = dict.fromkeys(run.manifest.log.metadata.get("radar.velocity_period_mps", "") for run in runs)
-    return list(dict.fromkeys(number(period, 2) for text in texts if (period := positive(text))))
-
-
-def positive(text: str) -> float:
-    """Return the number that a text is; 0 where it is no positive one."""
-    try:
-        value = float(text)
-    except ValueError:
-        return 0.0
-    return value if math.isfinite(value) and value > 0 else 0.0
+    return list(dict.fromkeys(number(period, 2) for text in texts if (period := records.positive(text))))

@@ -103,6 +103,15 @@ def number(value: float | None, digits: int = 3) -> str:
     return text.replace("-", "\u2212") if float(f"{value:.{digits}f}") else text.replace("-", "")
 
 
+def positive(text: str) -> float:
+    """Return the number that a text is; 0 where it is no positive one."""
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if math.isfinite(value) and value > 0 else 0.0
+
+
 def brief(text: str, length: int = 12) -> str:
     """Return the first characters of a digest."""
     return text[:length]

@@ -1,7 +1,7 @@
 """Samples that a preview is drawn from, and edges of depth and brightness in them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -148,10 +148,6 @@ class Sample:
     def placed(self, kind: Kind) -> list[Points]:
         """Points in body coordinates of the sensors of one kind."""
         return [points for points in self.points if points.kind == kind and points.is_placed]
-
-    def with_truth(self, truth: Truth | None) -> "Sample":
-        """Return the frame with what is known to be there."""
-        return replace(self, truth=truth)
 
     def age_ms(self, sensor: str) -> float | None:
         """How much later than the frame's instant a sensor measured [ms]; `None` where it is missing."""
