@@ -12,14 +12,14 @@ from embreex.rtcore_scene import EmbreeScene
 
 from fbench.datasets.city.instant import EGO, BodyStates, Hits, RayCaster, Rays
 from fbench.datasets.city.measure import Slot, Surroundings, measure
-from fbench.datasets.city.mesh import Actor, Mesh, merge_meshes, move_mesh
+from fbench.datasets.city.mesh import merge_meshes, move_mesh
 from fbench.datasets.city.recording import CityRecording, build_city
 from fbench.datasets.city.request import SEEDS
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec
 from fbench.datasets.city.world.urban import layout
 from fbench.replay.conditions.weather import Weather
-from fbench.replay.data.arrays import Array, Bool, Float32
+from fbench.replay.data.arrays import Bool
 
 RIG = thesis_rig()
 SEED, AT_S, REPEAT = SEEDS["dev"][0], 1.0, 5
@@ -34,13 +34,9 @@ class Watched:
     nearest: list[Rays] = field(default_factory=list)
     shadows: list[Rays] = field(default_factory=list)
 
-    @property
-    def static(self) -> Mesh:
-        return self.caster.static
-
-    @property
-    def actors(self) -> tuple[Actor, ...]:
-        return self.caster.actors
+    def __post_init__(self) -> None:
+        self.static, self.actors = self.caster.static, self.caster.actors
+        self.material, self.smooth_normals = self.caster.material, self.caster.smooth_normals
 
     def cast(self, rays: Rays, states: BodyStates) -> Hits:
         self.nearest.append(rays)
@@ -49,12 +45,6 @@ class Watched:
     def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
         self.shadows.append(rays)
         return self.caster.is_blocked(rays, states)
-
-    def material(self, hits: Hits, states: BodyStates) -> Array:
-        return self.caster.material(hits, states)
-
-    def smooth_normals(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
-        return self.caster.smooth_normals(rays, hits, states)
 
 
 def one_scene(caster: RayCaster, states: BodyStates) -> EmbreeScene:
@@ -116,10 +106,6 @@ def logs() -> None:
               "building the city included")  # fmt: skip
 
 
-def main() -> None:
+if __name__ == "__main__":
     sensors()
     logs()
-
-
-if __name__ == "__main__":
-    main()

@@ -9,7 +9,7 @@ means over frames, since the median frame is one in which nothing is detected; t
 
 import argparse
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from common import write_drive
@@ -23,20 +23,6 @@ from fbench.replay.setup.source import LogRequest
 
 PIPELINES = "camera2d,lidar3d,radar3d,late3d"
 SEEDS = (101, 102)
-
-
-def drives(folder: Path) -> Iterator[Path]:
-    for world in ("urban", "highway"):
-        for seed in SEEDS:
-            yield write_drive(folder / f"{world}-{seed}.mcap", world, 3.0, seed)
-
-
-def replayed(logs: Sequence[Path], pipeline: str, settings: Sequence[str], folder: Path) -> list[Run]:
-    requests = (
-        ReplayRequest(LogRequest(log), pipeline, settings, out=folder / log.stem, overwrite=True, no_media=True)
-        for log in logs
-    )
-    return [replay(request).run for request in requests]
 
 
 def mean_ms(runs: Sequence[Run]) -> float:
@@ -59,14 +45,22 @@ def main() -> None:
     parser.add_argument("--set", dest="settings", action="append", default=[])
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        logs = args.logs or list(drives(Path(folder)))
+        logs = args.logs or [
+            write_drive(Path(folder) / f"{world}-{seed}.mcap", world, 3.0, seed)
+            for world in ("urban", "highway")
+            for seed in SEEDS
+        ]
         print(
             "| pipeline | detection in one frame of | predicted detections % | F1 % | MOTA % | MOTA % (thesis) | ms |"
         )
         print("|---|---:|---:|---:|---:|---:|---:|")
         for pipeline in args.pipelines.split(","):
             for every in map(int, args.every.split(",")):
-                runs = replayed(logs, pipeline, [*args.settings, f"detect_every={every}"], Path(folder) / "runs")
+                settings, runs = [*args.settings, f"detect_every={every}"], []
+                for log in logs:
+                    out = Path(folder) / "runs" / log.stem
+                    request = ReplayRequest(LogRequest(log), pipeline, settings, out=out, overwrite=True, no_media=True)
+                    runs.append(replay(request).run)
                 rows = combine_runs(measure_run(run, ScoreOptions()) for run in runs)
                 counts = next(row.counts for row in rows if row.metric == "f1")
                 share = counts.get("predicted", 0) / max(1, counts["tp"] + counts["fp"])

@@ -82,10 +82,9 @@ def report(case: Case, opened: OpenedFiles, out: Path) -> None:
     megabytes = sum(path.stat().st_size for path in paths) / 1e6
     copied = best_s(lambda: copy(paths, out), REPEATS)
     imported = best_s(lambda: import_one(importer, case.source, out), REPEATS)
-    print(
-        f"importing {case.name} ({len(paths)} files, {megabytes:.0f} MB): {imported:.2f} s, copying {copied:.2f} s: "
-        f"ratio {imported / copied:.2f} (at most 2 wanted)"
-    )
+    what = f"importing {case.name} ({len(paths)} files, {megabytes:.0f} MB)"
+    ratio = f"ratio {imported / copied:.2f} (at most 2 wanted)"
+    print(f"{what}: {imported:.2f} s, copying {copied:.2f} s: {ratio}")
     if case.half:
         command = ["log", "import", case.dataset, str(case.source), "-o", str(out), "--overwrite"]
         part, whole = peak_kib(*command, "--frames", case.half), peak_kib(*command)

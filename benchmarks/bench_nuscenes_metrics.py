@@ -31,9 +31,8 @@ def scene(seed: int, num_steps: int = NUM_STEPS) -> Sequence:
     found, others = rng.integers(0, NUM_TRUTH, NUM_RESULTS // 2), NUM_RESULTS - NUM_RESULTS // 2
     near = place[:, found] + rng.normal(0, 0.8, (num_steps, len(found), 2))
     centers = np.concatenate([near, rng.uniform(-20, 20, (num_steps, others, 2))], axis=1)
-    labels = np.concatenate(
-        [label[:, found], rng.choice(np.array(DETECTION_RULES.classes), (num_steps, others))], axis=1
-    )
+    other = rng.choice(np.array(DETECTION_RULES.classes), (num_steps, others))
+    labels = np.concatenate([label[:, found], other], axis=1)
     truth, results = boxes(rng, label, place), boxes(rng, labels, centers)
     return Sequence(f"scene-{seed:04d}", Steps.of_one_stream(num_steps), truth, results)
 

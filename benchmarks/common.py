@@ -92,17 +92,17 @@ def frames_of(log: Path) -> tuple[Rig, LogInfo, list[Frame]]:
     return stream.rig, reader.info, list(stream.frames(reader))
 
 
-def write_drive(out: Path, world: str, seconds: float, seed: int, sensors: Sequence[str] = SENSORS) -> Path:
-    """Simulate a drive on a clear day with these sensors of the thesis's rig, unless it is there."""
+def write_missing(recording: CityRecording, out: Path) -> Path:
+    """Write a drive, unless it is there."""
     if not out.exists():
-        spec = CityRequest(world, seconds=seconds, seed=seed, sensors=sensors).spec()
-        write_recording(CityRecording(spec, out.stem), Target(out), lambda name, done, total: None)
+        write_recording(recording, Target(out), lambda name, done, total: None)
     return out
 
 
-def write_city_log(out: Path, seconds: float) -> None:
-    """Simulate an urban drive on a clear day, with LiDAR and radar of the thesis's rig."""
-    write_drive(out, "urban", seconds, 101, ["lidar", "radar"])
+def write_drive(out: Path, world: str, seconds: float, seed: int, sensors: Sequence[str] = SENSORS) -> Path:
+    """Simulate a drive on a clear day with these sensors of the thesis's rig, unless it is there."""
+    spec = CityRequest(world, seconds=seconds, seed=seed, sensors=sensors).spec()
+    return write_missing(CityRecording(spec, out.stem), out)
 
 
 def images_and_truth(log: CityRecording) -> tuple[dict[int, Image], dict[int, Boxes2D]]:

@@ -94,8 +94,8 @@ def inside(boxes: Boxes3D, row: int, xyz: Float64) -> Bool:
     """Tell which points (N, 3) lie in one box, or hardly outside."""
     offset = xyz - boxes.center_m[row]
     cos, sin = np.cos(boxes.yaw_rad[row]), np.sin(boxes.yaw_rad[row])
-    own = np.column_stack([cos * offset[:, 0] + sin * offset[:, 1], cos * offset[:, 1] - sin * offset[:, 0],
-                           offset[:, 2]])  # fmt: skip
+    x, y, z = offset.T
+    own = np.column_stack([cos * x + sin * y, cos * y - sin * x, z])
     within: Bool = (np.abs(own) < boxes.size_lwh_m[row] / 2 + MARGIN_M).all(axis=1)
     return within
 

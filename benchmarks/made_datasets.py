@@ -118,12 +118,7 @@ def add_sample(root: Path, tables: dict[str, Rows], content: dict[str, Any], i: 
         )
         tables["ego_pose"].append({"token": row["token"], "timestamp": us, **pose})
     for k in range(40):
-        refs: dict[str, Any] = {
-            "sample_token": own,
-            "instance_token": f"i{k}",
-            "visibility_token": "4",
-            "attribute_tokens": ["moving"],
-        }
+        refs = {"sample_token": own, "instance_token": f"i{k}", "visibility_token": "4", "attribute_tokens": ["moving"]}
         box = {**pose, "size": [2.0, 4.0, 1.5], "num_lidar_pts": 5, "num_radar_pts": 1}
         tables["sample_annotation"].append({**link("box", k), **refs, **box})
 
@@ -143,7 +138,7 @@ def radar_pcd() -> bytes:
     )
     floats = RNG.normal(0, 20, (125, 8)).astype("<f4")
     flags = bytes([1, 3, 20, 20, 0, 1, 16, 3])
-    rows = (
-        f[:3].tobytes() + bytes([0]) + i.to_bytes(2, "little") + f[3:].tobytes() + flags for i, f in enumerate(floats)
+    ids = (bytes([0]) + i.to_bytes(2, "little") for i in range(len(floats)))
+    return header.encode() + b"".join(
+        f[:3].tobytes() + own + f[3:].tobytes() + flags for f, own in zip(floats, ids, strict=True)
     )
-    return header.encode() + b"".join(rows)
