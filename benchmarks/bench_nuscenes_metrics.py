@@ -79,22 +79,26 @@ def devkit_boxes(sequences: list[Sequence], side: str) -> object:
     result = EvalBoxes()
     for sequence in sequences:
         own: Objects = sequence.truth if side == "truth" else sequence.estimates
-        starts = own.starts(len(sequence.steps))
+        starts, half_rad = own.starts(len(sequence.steps)), np.asarray(own.yaw_rad) / 2
+        center_m, size_m, velocity = (np.asarray(a).tolist() for a in (own.center_m, own.size_lwh_m, own.velocity_mps))
         for step in range(len(sequence.steps)):
-            token = f"{sequence.name}-{step}"
-            rows = range(starts[step], starts[step + 1])
-            result.add_boxes(token, [DetectionBox(token, **devkit_box(own, i)) for i in rows])
+            token, made = f"{sequence.name}-{step}", []
+            for i in range(starts[step], starts[step + 1]):
+                length, width, height = size_m[i]
+                made.append(
+                    DetectionBox(
+                        token,
+                        translation=center_m[i],
+                        size=[width, length, height],
+                        velocity=velocity[i][:2],
+                        rotation=[math.cos(half_rad[i]), 0.0, 0.0, math.sin(half_rad[i])],
+                        detection_name=str(own.label[i]),
+                        detection_score=float(own.score[i]),
+                        attribute_name=str(np.asarray(own.attribute)[i]),
+                    )
+                )
+            result.add_boxes(token, made)
     return result
-
-
-def devkit_box(own: Objects, i: int) -> dict[str, object]:
-    center, size, velocity = (np.asarray(a)[i].tolist() for a in (own.center_m, own.size_lwh_m, own.velocity_mps))
-    half = float(np.asarray(own.yaw_rad)[i]) / 2
-    return {
-        "translation": center, "size": [size[1], size[0], size[2]], "velocity": velocity[:2],
-        "rotation": [math.cos(half), 0.0, 0.0, math.sin(half)], "detection_name": str(own.label[i]),
-        "detection_score": float(own.score[i]), "attribute_name": str(np.asarray(own.attribute)[i]),
-    }  # fmt: skip
 
 
 def main() -> None:

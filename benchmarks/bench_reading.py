@@ -3,11 +3,10 @@ MCAP with the same messages, in one process.
 """
 
 import tempfile
-import time
 from functools import partial
 from pathlib import Path
 
-from common import NOISE_INFO, NOISE_RIG, best_s, noise_messages
+from common import NOISE_INFO, NOISE_RIG, best_by_turns_s, best_s, noise_messages
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from mcap.reader import make_reader
@@ -44,13 +43,6 @@ def library(path: Path) -> int:
     return num
 
 
-def read_s(path: Path) -> float:
-    """Seconds that one pass takes."""
-    start = time.perf_counter()
-    assert ours(path) == 2 * NUM_PARQUET_FRAMES
-    return time.perf_counter() - start
-
-
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for compression in ("none", "lz4", "zstd"):
@@ -64,8 +56,8 @@ def main() -> None:
             mcap, parquet = Path(folder) / f"{compression}.mcap", Path(folder) / f"{compression}.parquetlog"
             write(McapWriter(mcap, NOISE_INFO, NOISE_RIG, compression), NUM_PARQUET_FRAMES)
             write(ParquetWriter(parquet, NOISE_INFO, NOISE_RIG, compression), NUM_PARQUET_FRAMES)
-            times = [(read_s(mcap), read_s(parquet)) for _ in range(NUM_RUNS)]  # so that other load meets both
-            a, b = (min(column) for column in zip(*times, strict=True))
+            assert ours(mcap) == ours(parquet) == 2 * NUM_PARQUET_FRAMES
+            a, b = best_by_turns_s({"mcap": partial(ours, mcap), "parquet": partial(ours, parquet)}, NUM_RUNS).values()
             size = mcap.stat().st_size / 1e6
             rates = f"MCAP {size / a:.0f} MB/s, Parquet {size / b:.0f} MB/s"
             print(f"reading {compression}: {rates}, {a / b:.2f} times MCAP's throughput")

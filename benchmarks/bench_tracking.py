@@ -133,18 +133,6 @@ def space(num_objects: int) -> list[Boxes3D]:
     return frames
 
 
-def track_2d(frames: Sequence[Boxes2D]) -> list[float]:
-    """Wall time [ms] of each step."""
-    tracker = Tracker2D(Tracker2DParams())
-    return [timed(partial(tracker.step, boxes, (i + 1) * PERIOD_NS)) for i, boxes in enumerate(frames)]
-
-
-def track_3d(frames: Sequence[Boxes3D]) -> list[float]:
-    """Wall time [ms] of each step."""
-    tracker, pose = Tracker3D(Tracker3DParams()), np.eye(4)
-    return [timed(partial(tracker.step, boxes, (i + 1) * PERIOD_NS, pose)) for i, boxes in enumerate(frames)]
-
-
 def timed(step: Callable[[], object]) -> float:
     """Wall time [ms]."""
     start = time.perf_counter()
@@ -164,11 +152,19 @@ def compare(name: str, num_objects: int, own: Callable[[int], list[float]], plai
 
 
 def main() -> None:
-    in_images = images()
-    compare("2D", NUM_OBJECTS, lambda num: track_2d(in_images[:num]), lambda: plain_2d(in_images))
+    def track_2d(num: int, frames: Sequence[Boxes2D]) -> list[float]:  # Wall time [ms] of each step
+        step = Tracker2D(Tracker2DParams()).step
+        return [timed(partial(step, boxes, (i + 1) * PERIOD_NS)) for i, boxes in enumerate(frames[:num])]
+
+    def track_3d(num: int, frames: Sequence[Boxes3D]) -> list[float]:
+        step, pose = Tracker3D(Tracker3DParams()).step, np.eye(4)
+        return [timed(partial(step, boxes, (i + 1) * PERIOD_NS, pose)) for i, boxes in enumerate(frames[:num])]
+
+    flat = images()
+    compare("2D", NUM_OBJECTS, partial(track_2d, frames=flat), partial(plain_2d, flat))
     for num_objects in (5, 20, NUM_OBJECTS):  # KITTI's sequences have about five
-        in_space = space(num_objects)
-        compare("3D", num_objects, lambda num, own=in_space: track_3d(own[:num]), lambda own=in_space: plain_3d(own))  # type: ignore[misc]
+        deep = space(num_objects)
+        compare("3D", num_objects, partial(track_3d, frames=deep), partial(plain_3d, deep))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from fbench.pipelines.sensors.lidar.classification import FEATURES, FITTED, Seen
 from fbench.pipelines.sensors.lidar.lidar import LidarParams, obstacles, sort_by_cluster
 from fbench.pipelines.sensors.lidar.lidar import clusters as clustered
 from fbench.pipelines.sensors.points.merged import Outline
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import PointCloud, Truth
 from fbench.replay.data.rig import Rig
@@ -90,22 +90,15 @@ def clusters(rig: Rig, cloud: PointCloud, params: LidarParams) -> tuple[Float64,
     return sort_by_cluster(found, clustered(found.xyz, params.cluster), body_T_sensor[:2, 3])
 
 
-def inside(boxes: Boxes3D, row: int, xyz: Float64) -> Bool:
-    """Tell which points (N, 3) lie in one box, or hardly outside."""
-    offset = xyz - boxes.center_m[row]
-    cos, sin = np.cos(boxes.yaw_rad[row]), np.sin(boxes.yaw_rad[row])
-    x, y, z = offset.T
-    own = np.column_stack([cos * x + sin * y, cos * y - sin * x, z])
-    within: Bool = (np.abs(own) < boxes.size_lwh_m[row] / 2 + MARGIN_M).all(axis=1)
-    return within
-
-
 def shared(boxes: Boxes3D, xyz: Float64, cluster: Int64, num: int) -> tuple[Int64, Float64]:
     """Return for each of `num` clusters the box that shares most points with it, -1: none, and how well (IoU)."""
     best, value = np.full(num, -1), np.zeros(num)
     size = np.bincount(cluster[cluster >= 0], minlength=num)
     for row in range(len(boxes)):
-        members = inside(boxes, row, xyz)
+        x, y, z = (xyz - boxes.center_m[row]).T  # members lie in the box, or hardly outside
+        cos, sin = np.cos(boxes.yaw_rad[row]), np.sin(boxes.yaw_rad[row])
+        own = np.column_stack([cos * x + sin * y, cos * y - sin * x, z])
+        members = (np.abs(own) < boxes.size_lwh_m[row] / 2 + MARGIN_M).all(axis=1)
         common = np.bincount(cluster[members & (cluster >= 0)], minlength=num)
         iou = common / np.maximum(size + members.sum() - common, 1)
         best, value = np.where(iou > value, row, best), np.maximum(iou, value)
