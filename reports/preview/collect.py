@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -17,7 +17,7 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.messages import Message, Pose, Truth
-from fbench.replay.data.rig import Kind, LogInfo, Mount, Rig, RigChange
+from fbench.replay.data.rig import Mount, Rig, RigChange
 from fbench.replay.engine.clock import VirtualClock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
@@ -196,13 +196,18 @@ def collect(
         num_labeled += 1
         if index in wanted:
             truths[index] = truth
+    # Periods of radial velocities that the log's metadata state, of one radar or of all.
+    metadata = reader.info.metadata
+    every = metadata.get("radar.velocity_period_mps", "")
+    radars = sorted(name for name, kind in partial.kinds.items() if kind == "radar")
+    periods = {name: positive(metadata.get(f"radar.{name}.velocity_period_mps", every)) for name in radars}
     drawn = {s.frame.index: replace(s, truth=truths.get(s.frame.index)) for s in kept.chosen}
     return Material(
         reader.info, partial.kinds, partial.rig, partial.problems, stream.reference,
         list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.kept], num_frames, num_labeled, instants.kept,
         {name: arrivals.kept for name, arrivals in sorted(log.arrivals.items())}, dict(sorted(log.counts.items())),
         {name: dict(sorted(why.items())) for name, why in sorted(missing.items())},
-        _periods(reader.info, partial.kinds),
+        {name: period for name, period in periods.items() if period},
     )  # fmt: skip
 
 
@@ -239,11 +244,3 @@ def _forward_mps(before: Frame, frame: Frame) -> float | None:
     moved_m: Float64 = inverse(pose.world_T_body)[:3, :3] @ (pose.translation_m - last.translation_m)
     speed = float(moved_m[0]) / ((pose.stamp_ns - last.stamp_ns) / 1e9)
     return speed if math.isfinite(speed) else None
-
-
-def _periods(info: LogInfo, kinds: Mapping[str, Kind]) -> dict[str, float]:
-    """Periods [m/s] that the log's metadata state, of one radar or of all."""
-    every = info.metadata.get("radar.velocity_period_mps", "")
-    radars = sorted(name for name, kind in kinds.items() if kind == "radar")
-    texts = {name: info.metadata.get(f"radar.{name}.velocity_period_mps", every) for name in radars}
-    return {name: period for name, text in texts.items() if (period := positive(text))}

@@ -113,9 +113,11 @@ def write_preview(material: Material, folder: Path) -> Content:
     measured.alignment()
     stereo = measured.stereo()
     draw = FramePictures(album, ground_of(material.samples), [n for n in names if material.kinds.get(n) == "lidar"])
-    frames = [
-        FrameContent(s.frame.index, _head(s), [*draw.of(s), *stereo.get(s.frame.index, [])]) for s in material.samples
-    ]
+    frames = []
+    for s in material.samples:
+        missing = "; ".join(f"{name}: {why}" for name, why in sorted(s.frame.missing.items()))
+        head = f"at {s.frame.stamp_ns} ns{f' · missing: {missing}' if missing else ''}"
+        frames.append(FrameContent(s.frame.index, head, [*draw.of(s), *stereo.get(s.frame.index, [])]))
     rows = [_row(material, t) for t in times]
     verdicts = sorted(measured.verdicts, key=lambda v: not v.is_bad)
     facts = [
@@ -140,11 +142,6 @@ def _gaps(material: Material) -> Sequence[str]:
         gaps.append("no two cameras are a stereo pair (one size, parallel within 10 deg, 0.05 to 2 m side by side)")
     world = [s for s in material.samples if s.truth is not None and s.truth.in_world and s.truth.boxes3d is not None]
     return [*gaps, *(["3D truth is in world coordinates and isn't drawn"] if world else [])]
-
-
-def _head(sample: Sample) -> str:
-    missing = "; ".join(f"{name}: {why}" for name, why in sorted(sample.frame.missing.items()))
-    return f"at {sample.frame.stamp_ns} ns{f' · missing: {missing}' if missing else ''}"
 
 
 def _row(material: Material, times: SensorTimes) -> SensorRow:
