@@ -1,6 +1,4 @@
-"""Folders like those of KITTI's raw drives and of nuScenes: noisy images, and clouds with as many digits as the sets
-have.
-"""
+"""Folders like KITTI's raw drives and nuScenes: noisy images, and clouds with as many digits as the sets have."""
 
 import hashlib
 import json

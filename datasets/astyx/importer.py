@@ -6,7 +6,7 @@ M. Meyer and G. Kuschk, "Automotive Radar Dataset for Deep Learning Based 3D Obj
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -120,10 +120,8 @@ class AstyxRecording:
         for folder in (LIDAR, CALIBRATION):
             if not (self._source / folder).is_dir():
                 raise LogError(f"{self._source}: not an Astyx folder, no {folder}/")
-        files = {
-            folder: importing.find_numbered(self._source / folder, (suffix,), 6, self._wish.frames)
-            for folder, suffix in _SUFFIXES.items()
-        }
+        find = partial(importing.find_numbered, digits=6, frames=self._wish.frames)
+        files = {folder: find(self._source / folder, (suffix,)) for folder, suffix in _SUFFIXES.items()}
         for folder in (LIDAR, CALIBRATION):
             if not files[folder]:
                 path = self._source / folder
@@ -247,11 +245,9 @@ class AstyxRecording:
             lines.append(f"stretch: frames {part[0][0]} to {part[-1][0]} ({len(part)}), {seconds:.1f} s")
         if len(parts) > _LISTED:
             lines.append(f"stretch: {len(parts) - _LISTED} more")
-        missing = {
-            folder: sum(number not in files[folder] for number, _ in frames)
-            for folder in (CAMERA, RADAR, CALIBRATION, TRUTH)
-        }
-        lines.append("missing files: " + (", ".join(f"{name} {num}" for name, num in missing.items() if num) or "none"))
+        expected = (CAMERA, RADAR, CALIBRATION, TRUTH)
+        counts = [(folder, sum(number not in files[folder] for number, _ in frames)) for folder in expected]
+        lines.append(f"missing files: {', '.join(f'{folder} {num}' for folder, num in counts if num) or 'none'}")
         if self._timeless:
             numbers = importing.format_list(self._timeless, _LISTED)
             lines.append(f"left out, without LiDAR points and so without time: frames {numbers}")

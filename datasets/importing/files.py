@@ -74,9 +74,7 @@ def is_pinhole(K: Float64) -> bool:
 
 
 def read_floats(path: Path, num_columns: int) -> Float32:
-    """Return rows (N, `num_columns`) of a file of little-endian float32. Raises LogError where it can't be read, is
-    empty, or ends within a row.
-    """
+    """Rows (N, `num_columns`) of little-endian float32. Raises LogError for unreadable, empty and truncated files."""
     data = read_bytes(path)
     if not data:
         raise LogError(f"{path}: is empty, is it truncated?")
@@ -131,9 +129,7 @@ def _is_whole_png(data: bytes) -> bool:
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return what is in a folder, sorted by name; nothing where there is no such folder. Raises LogError where it can't
-    be read.
-    """
+    """What is in a folder, by name; nothing where there is none. Raises LogError where it can't be read."""
     try:
         return sorted(folder.iterdir()) if folder.is_dir() else []
     except OSError as error:
@@ -154,9 +150,7 @@ def is_number(text: str, digits: int) -> bool:
 
 
 def read_json(path: Path, model: type[T]) -> T:
-    """Return the content of a JSON file. Raises LogError naming file and field, where it can't be read or isn't as the
-    model says.
-    """
+    """Read JSON. Raises LogError naming file and field, where it can't be read or isn't as the model says."""
     try:
         return TypeAdapter(model).validate_json(read_bytes(path))
     except ValidationError as error:

@@ -187,10 +187,8 @@ def _is_there(path: Path, info: LogInfo) -> bool:
     if header is None:
         return False
     if header.log_id != info.log_id:
-        raise ConfigError(
-            f"{path}: exists already, and is another log (other files, frames or parameters); choose another with "
-            "--out, or --overwrite it"
-        )
+        what = "exists already, and is another log (other files, frames or parameters)"
+        raise ConfigError(f"{path}: {what}; choose another with --out, or --overwrite it")
     if _SKIPS in header.metadata and _SKIPS not in info.metadata:
         raise ConfigError(f"{path}: exists already, imported with --skip-bad; say that again, or --overwrite it")
     return True

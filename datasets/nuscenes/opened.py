@@ -239,9 +239,7 @@ class NuScenesSet:
 
 
 def read_scenes(folder: Folder) -> Mapping[str, rows.Scene]:
-    """Return the scenes by name, sorted. Raises LogError where the table is wrong, is empty, or two scenes have one
-    name.
-    """
+    """The scenes by name, sorted. Raises LogError where the table is wrong or empty, or two scenes have one name."""
     path = folder.table("scene")
     scenes: dict[str, rows.Scene] = {}
     for scene in rows.read_by_token(rows.Scene, path).values():

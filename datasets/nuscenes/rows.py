@@ -244,9 +244,7 @@ def parse_rows(model: type[R], path: Path) -> Iterator[R]:
 
 
 def read_by_token(model: type[R], path: Path) -> dict[str, R]:
-    """Return all rows of a small table. Raises LogError for the first one that is wrong, or where two have the same
-    token.
-    """
+    """All rows of a small table. Raises LogError for the first one that is wrong, or has the token of another."""
     rows: dict[str, R] = {}
     for row in parse_rows(model, path):
         if row.token in rows:

@@ -118,10 +118,8 @@ def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
     for row in rows:
         first = firsts.setdefault(row.channel, row)
         if setting(row) != setting(first):
-            raise LogError(
-                f"{path}: {scene}: calibration or size of {row.channel} changes between '{first.token}' and "
-                f"'{row.token}'; import the parts one by one with --frames"
-            )
+            what = f"calibration or size of {row.channel} changes between '{first.token}' and '{row.token}'"
+            raise LogError(f"{path}: {scene}: {what}; import the parts one by one with --frames")
     mounts, cameras = {}, {}
     for name, row in sorted(firsts.items()):
         calibration, kind = tables.calibrations[row.calibration], tables.sensor(row.calibration).modality

@@ -73,15 +73,12 @@ class AnnotationRow(NamedTuple):
     next: str
 
 
-_ROWS: dict[str, type[PoseRow | DataRow | AnnotationRow]] = {
-    "data": DataRow,
-    "pose": PoseRow,
-    "annotation": AnnotationRow,
-}
+_Row = PoseRow | DataRow | AnnotationRow
+_ROWS: dict[str, type[_Row]] = {"data": DataRow, "pose": PoseRow, "annotation": AnnotationRow}
 _INDICES = {
-    "data": "CREATE INDEX data_scene ON data(scene)",
-    "pose": "CREATE UNIQUE INDEX pose_token ON pose(token)",
-    "annotation": "CREATE INDEX annotation_scene ON annotation(scene)",
+    "data": "INDEX data_scene ON data(scene)",
+    "annotation": "INDEX annotation_scene ON annotation(scene)",
+    "pose": "UNIQUE INDEX pose_token ON pose(token)",
 }
 
 
@@ -111,7 +108,7 @@ class Database:
                 self._sqlite.execute("BEGIN")
                 self._sqlite.executemany(insert, batch)
                 self._sqlite.execute("COMMIT")
-            self._sqlite.execute(_INDICES[table])
+            self._sqlite.execute(f"CREATE {_INDICES[table]}")
         except sqlite3.IntegrityError as error:
             query = "SELECT token FROM pose GROUP BY token HAVING count(*) > 1 ORDER BY token LIMIT 1"
             token = self._sqlite.execute(query).fetchone()[0]

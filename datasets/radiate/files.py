@@ -97,9 +97,7 @@ def sequences(source: Path) -> list[Path]:
 
 
 def calibration_path(root: Path, chosen: Path | None) -> Path:
-    """Return the calibration that was chosen, or else the one in the sequence or in the folder of sequences. Raises
-    LogError where there is none.
-    """
+    """The chosen calibration, else that in the sequence or beside it. Raises LogError where there is none."""
     if chosen is not None:
         return chosen
     for folder in (root, root.resolve().parent):

@@ -288,9 +288,7 @@ class RadiateRecording:
 
 
 def _meta(path: Path) -> dict[str, str]:
-    """What a sequence says about itself; nothing where it doesn't. Raises LogError where the file isn't an object of
-    JSON.
-    """
+    """What a sequence says about itself; may be nothing. Raises LogError where the file isn't an object of JSON."""
     if not path.exists():
         return {}
     try:

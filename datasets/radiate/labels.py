@@ -163,11 +163,9 @@ class Findings:
         if unique < num:
             yield f"{GPS}: {num - unique} of {num} fixes repeat a time, left out"
         if chosen < unique:
+            left_out = f"{unique - chosen} fixes left out, taken over 2 s away from what is imported"
             start = f"they start {abs(late_s):.2f} s {'after' if late_s >= 0 else 'before'} the radar does"
-            yield (
-                f"{GPS}: {unique - chosen} fixes left out, taken over 2 s away from what is imported ({start}); "
-                "--set gps_offset_s=SECONDS moves them"
-            )
+            yield f"{GPS}: {left_out} ({start}); --set gps_offset_s=SECONDS moves them"
         if self.messages[GPS] < chosen:
             yield f"{GPS}: {chosen - self.messages[GPS]} fixes without a heading or unreadable, left out"
 

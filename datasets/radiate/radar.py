@@ -148,8 +148,6 @@ def scan_of(power: Array, stamp_ns: int, params: CfarParams) -> RadarScan:
     clockwise_rad = (columns + 0.5) * (2 * np.pi / SIZE_WH[0])
     azimuth_rad = np.where(clockwise_rad <= np.pi, -clockwise_rad, 2 * np.pi - clockwise_rad)
     xyz = np.stack([range_m * np.cos(azimuth_rad), range_m * np.sin(azimuth_rad), np.zeros(len(rows))], axis=1)
-    return RadarScan(
-        RADAR, stamp_ns, stamp_ns, xyz.astype(np.float32),
-        rcs_dbsm=power[rows, columns].astype(np.float32),
-        range_m=range_m.astype(np.float32), azimuth_rad=azimuth_rad.astype(np.float32),
-    )  # fmt: skip
+    rcs, range_m, azimuth = (a.astype(np.float32) for a in (power[rows, columns], range_m, azimuth_rad))
+    xyz = xyz.astype(np.float32)
+    return RadarScan(RADAR, stamp_ns, stamp_ns, xyz, rcs_dbsm=rcs, range_m=range_m, azimuth_rad=azimuth)

@@ -68,9 +68,7 @@ class HtmlReport:
         _write_whole(out, page(runs).encode("utf-8"))
 
     def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
-        """Write a report that begins with the tables of an experiment, and goes on with `runs`, some of its own; see
-        `write`.
-        """
+        """Write the tables of an experiment, and below them the report of `runs`, some of its own; see `write`."""
         _write_whole(out, page(runs, results).encode("utf-8"))
 
 

@@ -76,9 +76,7 @@ class Host(RootModel[Mapping[str, str | float | int | bool | None]]):
 
 
 def read_record(run: Run, name: str, kind: type[R]) -> R | None:
-    """Read a JSON file of the run folder; `None` where the run doesn't have it. Raises RunError where it isn't what its
-    name says.
-    """
+    """Read a JSON file of a run; `None` where it has none. Raises RunError where it isn't what its name says."""
     path = run.folder / name
     if not path.is_file():
         return None

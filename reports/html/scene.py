@@ -126,11 +126,8 @@ def scenes(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
     content = []
     for run, label in zip(runs, labels, strict=True):
         rig, rows = run.manifest.rig, row_numbers(run)
-        frames = [
-            {"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)}
-            for kept in shown_frames(run)
-            if kept.index in rows
-        ]
+        shown = [kept for kept in shown_frames(run) if kept.index in rows]
+        frames = [{"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)} for kept in shown]
         cameras = {name: list(camera.size_wh) for name, camera in sorted(rig.cameras.items())}
         content.append({"label": label, "timeline": timeline(run), "cameras": cameras, "frames": frames})
     return {"runs": content, "pictures": list(pictures), "clouds": list(clouds)}

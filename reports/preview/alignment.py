@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -87,8 +88,7 @@ class Alignment:
         return f"LiDAR edges fit the image better when turned by {' and '.join(turns)} ({scores})"
 
 
-@dataclass(frozen=True, eq=False)
-class _Evidence:
+class _Evidence(NamedTuple):
     """One image and the edges of the sweeps that go with it."""
 
     field: Float32
@@ -116,10 +116,9 @@ def align(samples: Sequence[Sample], camera: str) -> Alignment:
         wanted = [rows for number in range(_STRIPES) if (rows := stripe == number).sum() >= _STRIPE_EDGES]
         gains += [float(np.mean(b[rows]) - np.mean(a[rows])) for rows in wanted]
     x, y, z = (round(float(value), 3) + 0.0 for value in turn)
-    return Alignment(
-        camera, num, (x, y, z), float(np.mean(np.concatenate(here))), float(np.mean(np.concatenate(there))),
-        float(np.mean([gain > 0 for gain in gains])) if gains else 0.0, len(gains),
-    )  # fmt: skip
+    score, best = (float(np.mean(np.concatenate(values))) for values in (here, there))
+    support = float(np.mean([gain > 0 for gain in gains])) if gains else 0.0
+    return Alignment(camera, num, (x, y, z), score, best, support, len(gains))
 
 
 def edges_of(sample: Sample, camera: str) -> Float64:

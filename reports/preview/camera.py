@@ -31,9 +31,7 @@ class Layer:
 
 
 def layer(sample: Sample, camera: str, kind: Kind) -> Layer:
-    """Points of all placed sensors of one kind that lie in the image of a camera. Raises LogError where the lens
-    distortion of the camera isn't modeled.
-    """
+    """Points of the placed sensors of a kind in an image. Raises LogError for a lens whose distortion isn't modeled."""
     points = sample.placed(kind)
     xyz = np.concatenate([np.zeros((0, 3)), *(p.xyz for p in points)])
     speed = np.concatenate([np.zeros(0), *(p.speed_mps for p in points)])
@@ -121,9 +119,7 @@ def bare(sample: Sample, camera: str) -> Pixels:
 
 
 def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
-    """The image with the points of all LiDARs or radars, and truth. Raises LogError where the lens distortion of the
-    camera isn't modeled.
-    """
+    """LiDARs or radars, and truth, in an image. Raises LogError for a lens whose distortion isn't modeled."""
     found = layer(sample, camera, kind)
     picture = _draw(sample, camera, found, whole(sample.rig.cameras[camera].size_wh), kind == "radar")
     sensors = ", ".join(draw.plain(points.sensor, 20) for points in sample.placed(kind))

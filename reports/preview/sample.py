@@ -112,9 +112,7 @@ class Sample:
         return [name for name in images if self._decode(name) is not None]
 
     def image(self, camera: str) -> Pixels:
-        """Image (H, W, 3) BGR of one of the `cameras`; decoded anew, since all would take much memory. Raises
-        DecodeError where it isn't there.
-        """
+        """Image (H, W, 3) BGR, decoded anew, since all take much memory. Raises DecodeError where it isn't there."""
         pixels = self._decode(camera)
         if pixels is None:
             raise DecodeError(f"frame {self.frame.index} has no image of '{camera}'")
