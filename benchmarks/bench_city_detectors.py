@@ -52,7 +52,7 @@ def matches(found: CameraDetections, truth: Boxes2D) -> Counter[str]:
                    right=int(right.sum()))  # fmt: skip
 
 
-def counted(weights: Path, worlds: Sequence[WorldName], seeds: Sequence[int], seconds: float) -> Counts:
+def count_matches(weights: Path, worlds: Sequence[WorldName], seeds: Sequence[int], seconds: float) -> Counts:
     """Return the counts of every detector in every world."""
     detectors = {name: CameraDetector(CameraParams(weights / file, SCORE)) for name, file in WEIGHTS.items()}
     counts = {(name, world): Counter[str]() for name in detectors for world in worlds}
@@ -80,7 +80,7 @@ def main() -> None:
     print(f"clear, seeds {', '.join(map(str, seeds))}, {SECONDS:g} s each; vehicles within {NEAR_M:g} m of which "
           f"{SEEN:.0%} are visible; detections above {SCORE:g}, right above an IoU of {IOU:g}")  # fmt: skip
     print(f"{'detector':14}{'world':10}{'recall':>8}{'found/near':>12}{'precision':>12}{'right/all':>12}")
-    for (name, world), c in counted(weights, WORLDS, seeds, SECONDS).items():
+    for (name, world), c in count_matches(weights, WORLDS, seeds, SECONDS).items():
         recall, precision = c["found"] / max(1, c["near"]), c["right"] / max(1, c["detections"])
         shares = f"{c['found']}/{c['near']}", f"{c['right']}/{c['detections']}"
         print(f"{name:14}{world:10}{recall:8.2f}{shares[0]:>12}{precision:12.2f}{shares[1]:>12}")

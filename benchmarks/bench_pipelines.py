@@ -89,7 +89,7 @@ COMPONENTS = (
 )  # fmt: skip
 
 
-def replayed(log: Path, pipeline: str, num_threads: int, folder: Path, frames: str | None = None) -> Run:
+def run_pipeline(log: Path, pipeline: str, num_threads: int, folder: Path, frames: str | None = None) -> Run:
     request = ReplayRequest(
         LogRequest(log), pipeline, frames=frames, out=folder / pipeline, overwrite=True, no_media=True
     )
@@ -118,8 +118,8 @@ def frame_table(log: Path, folder: Path) -> None:
     """Print the run times of whole frames."""
     both: dict[str, tuple[pd.DataFrame, pd.DataFrame]] = {}
     for pipeline in PIPELINES:
-        replayed(log, pipeline, NUM_CORES, folder, FEW)  # compiles, or reads the cache
-        run = replayed(log, pipeline, NUM_CORES, folder)
+        run_pipeline(log, pipeline, NUM_CORES, folder, FEW)  # compiles, or reads the cache
+        run = run_pipeline(log, pipeline, NUM_CORES, folder)
         stages = times(run)
         if not both:
             weights = run.manifest.parameters.get("camera.weights")
@@ -129,7 +129,7 @@ def frame_table(log: Path, folder: Path) -> None:
         parts = stages.drop(columns=TOTAL)
         scale = np.minimum(1.0, stages[TOTAL] / parts.sum(axis=1))
         side_by_side = parts.mul(scale, axis=0).assign(**{TOTAL: stages[TOTAL]})
-        both[pipeline] = side_by_side, times(replayed(log, pipeline, 1, folder))
+        both[pipeline] = side_by_side, times(run_pipeline(log, pipeline, 1, folder))
     heads = ("stage", "pipeline", "thesis, RTX 4090", "wanted", "ours, two cores", "p99", "p99 / median")
     line(*heads, "one after another")
     line("---", "---", *["---:"] * 6)
@@ -150,8 +150,8 @@ def component_table(log: Path, stereo_log: Path, folder: Path) -> None:
     line("---", "---:", "---:", "---:", "---:", "---:", "---")
     for part in COMPONENTS:
         where = stereo_log if part.pipeline == "stereo3d" else log
-        replayed(where, part.pipeline, NUM_CORES, folder, FEW)
-        median, p99 = figures(times(replayed(where, part.pipeline, NUM_CORES, folder)), part.stages)
+        run_pipeline(where, part.pipeline, NUM_CORES, folder, FEW)
+        median, p99 = figures(times(run_pipeline(where, part.pipeline, NUM_CORES, folder)), part.stages)
         after, half = ("-".join(f"{ms / by:.4g}" for ms in dict.fromkeys(part.after)) for by in (1, 2))
         line(part.name, part.before, after, half, f"{median:.2f}", f"{p99:.2f}", f"{part.what} ({part.pipeline})")
 

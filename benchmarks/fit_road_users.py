@@ -90,7 +90,7 @@ def clusters(rig: Rig, cloud: PointCloud, params: LidarParams) -> tuple[Float64,
     return sort_by_cluster(found, clustered(found.xyz, params.cluster), body_T_sensor[:2, 3])
 
 
-def shared(boxes: Boxes3D, xyz: Float64, cluster: Int64, num: int) -> tuple[Int64, Float64]:
+def match_boxes(boxes: Boxes3D, xyz: Float64, cluster: Int64, num: int) -> tuple[Int64, Float64]:
     """Return for each of `num` clusters the box that shares most points with it, -1: none, and how well (IoU)."""
     best, value = np.full(num, -1), np.zeros(num)
     size = np.bincount(cluster[cluster >= 0], minlength=num)
@@ -133,13 +133,13 @@ def examples() -> tuple[Float64, Int64]:
                 if seen is None:
                     continue
                 described.append(features(seen.standing, seen.rectangles))
-                classes.append(targets(boxes, *shared(boxes, xyz, cluster, len(seen.rectangles))))
+                classes.append(targets(boxes, *match_boxes(boxes, xyz, cluster, len(seen.rectangles))))
             print(f"{world} {name} {seed}: {sum(map(len, classes))} clusters so far", flush=True)
     x, y = np.concatenate(described), np.concatenate(classes)
     return x[y >= 0], y[y >= 0]
 
 
-def fitted(x: Float64, y: Int64) -> dict[str, object]:
+def fit_model(x: Float64, y: Int64) -> dict[str, object]:
     """Fit the model to features (M, F) and classes (M,), and return what the file holds."""
     columns = [interpolation_weights(column, np.array(KNOTS[name])) for name, column in zip(FEATURES, x.T, strict=True)]
     regression = LogisticRegression(C=INVERSE_PENALTY, max_iter=1000).fit(np.column_stack(columns), y)
@@ -159,7 +159,7 @@ def main() -> None:
     x, y = examples()
     counts = np.bincount(y, minlength=len(LABELS) + 1).tolist()
     print(", ".join(f"{name} {count}" for name, count in zip(("other", *LABELS), counts, strict=True)))
-    out.write_text(json.dumps(fitted(x, y), indent=1) + "\n")
+    out.write_text(json.dumps(fit_model(x, y), indent=1) + "\n")
 
 
 if __name__ == "__main__":

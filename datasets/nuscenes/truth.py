@@ -78,21 +78,15 @@ class SceneTruth:
         of the set's bin, 0.2, 0.5, 0.7 or 0.9, NaN where there is none. `velocity_mps` is over ground, NaN where the
         set gives none. Several attributes are separated by commas.
         """
-        rows, velocities, categories, attributes, visibilities = [], [], [], [], []
-        tables = self._tables
+        found, tables = [], self._tables
         for row in self._by_sample.get(sample, []):
             try:
-                names = ",".join(tables.attributes[token].name for token in row.attributes.split())
+                attributes = ",".join(tables.attributes[token].name for token in row.attributes.split())
                 category = tables.categories[tables.instances[row.instance]].name
-                velocity, visibility = self._velocity(row), self._visibility(row)
+                found.append((row, category, attributes, self._velocity(row), self._visibility(row)))
             except LogError as error:
                 self._bad.report(error)
-                continue
-            rows.append(row)
-            velocities.append(velocity)
-            categories.append(category)
-            attributes.append(names)
-            visibilities.append(visibility)
+        rows, categories = [own[0] for own in found], [own[1] for own in found]
         angles = np.zeros((0, 3))
         if rows:
             turns = Rotation.from_quat(np.array([(r.qx, r.qy, r.qz, r.qw) for r in rows]))
@@ -103,11 +97,11 @@ class SceneTruth:
             yaw_rad=angles[:, 0],
             pitch_rad=angles[:, 1],
             roll_rad=angles[:, 2],
-            velocity_mps=np.array(velocities).reshape(-1, 3),
+            velocity_mps=np.array([own[3] for own in found]).reshape(-1, 3),
             label=text_array([LABELS.get(name) or fbench_label(name) for name in categories]),
             track_id=np.array([self._tracks[row.instance] for row in rows], np.int64),
-            visibility=np.array(visibilities),
-            attribute=text_array(attributes),
+            visibility=np.array([own[4] for own in found]),
+            attribute=text_array([own[2] for own in found]),
             num_lidar_pts=np.array([row.num_lidar_pts for row in rows], np.int64),
             num_radar_pts=np.array([row.num_radar_pts for row in rows], np.int64),
             ignore=np.array([name in IGNORED for name in categories], bool),
