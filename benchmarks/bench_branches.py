@@ -11,6 +11,7 @@ import os
 import statistics
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 
 from common import frames_of, threads, write_drive
@@ -18,17 +19,7 @@ from common import frames_of, threads, write_drive
 from fbench.replay.contracts.plugins import make_pipeline
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.data.frames import Frame
-from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.runs.digest import digest
-
-
-def started(name: str, rig: Rig, info: LogInfo, branches: int, detector: int) -> Pipeline:
-    with threads(branches):
-        pipeline, _ = make_pipeline(name, [])
-    with threads(detector):  # which is loaded when the log is known
-        pipeline.start(rig, info)
-    return pipeline
-
 
 Way = tuple[int, int]  # Threads of branches, and of the detector
 
@@ -62,7 +53,12 @@ def main() -> None:
         log = args.log or write_drive(Path(folder) / "urban.mcap", "urban", 2.0, 101)
         rig, info, frames = frames_of(log)
     most = max(2, len(os.sched_getaffinity(0)))
-    ways = {(b, d): started(args.pipeline, rig, info, b, d) for b in (1, most) for d in (1, 2)}
+    ways = {}
+    for branches, detector in product((1, most), (1, 2)):
+        with threads(branches):
+            ways[branches, detector], _ = make_pipeline(args.pipeline, [])
+        with threads(detector):  # which is loaded when the log is known
+            ways[branches, detector].start(rig, info)
     by_turns(ways, frames[:5])  # also compiles
     rounds = [by_turns(ways, frames) for _ in range(args.rounds)]
     times = {way: [ms for found in rounds for ms in found[way]] for way in ways}
@@ -71,9 +67,8 @@ def main() -> None:
     for (branches, detector), taken in times.items():
         how = "one after the other" if branches == 1 else f"side by side on {branches}"
         ms, p99 = statistics.median(taken), statistics.quantiles(taken, n=100)[98]
-        print(
-            f"  {how}, detector on {detector}: {ms:.1f} ms, p99 {p99:.1f} ms, {base / ms:.2f} times as fast as on one"
-        )
+        times_as_fast = f"{base / ms:.2f} times as fast as on one"
+        print(f"  {how}, detector on {detector}: {ms:.1f} ms, p99 {p99:.1f} ms, {times_as_fast}")
 
 
 if __name__ == "__main__":

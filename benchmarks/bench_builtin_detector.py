@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -26,12 +27,11 @@ from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.coco.profile import CocoProfile
-from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS, CameraDetections, CameraDetector, CameraParams
+from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS, CameraDetector, CameraParams
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Array, Bool
-from fbench.replay.data.boxes import VEHICLES, Boxes2D
+from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.images import decode
-from fbench.replay.data.messages import Image
 from fbench.replay.data.sequences import Objects, Steps
 from fbench.replay.data.sequences import Sequence as Drive
 
@@ -48,17 +48,6 @@ Wanted: TypeAlias = Callable[[Array, Array], Bool]
 
 
 @dataclass(frozen=True)
-class Number:
-    """AP50, and of how many boxes."""
-
-    value: float | None
-    num_truth: int
-
-    def __str__(self) -> str:
-        return f"{'-' if self.value is None else f'{self.value:.3f}'} ({self.num_truth})"
-
-
-@dataclass(frozen=True)
 class City:
     """One city's drives, all weathers, since it takes seconds to build."""
 
@@ -70,10 +59,12 @@ class City:
     def drives(self) -> list[Drive]:
         detector, cities = CameraDetector(self.params), Cities()
         camera = thesis_rig().cameras["camera"].model_copy(update={"rate_hz": RATE_HZ})
-        rig = RigSpec(cameras={"camera": camera})
-        specs = [CitySpec(self.world, condition(weather), SECONDS, self.seed, rig) for weather in self.weathers]
-        names = [f"{self.world}-{weather}-{self.seed}" for weather in self.weathers]
-        return [drive(detector, CityRecording(s, n, cities=cities)) for s, n in zip(specs, names, strict=True)]
+        rig, result = RigSpec(cameras={"camera": camera}), []
+        for weather in self.weathers:
+            spec = CitySpec(self.world, condition(weather), SECONDS, self.seed, rig)
+            log = CityRecording(spec, f"{self.world}-{weather}-{self.seed}", cities=cities)
+            result.append(drive(detector, log))
+        return result
 
 
 def drives(params: CameraParams, weathers: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Drive]]:
@@ -88,33 +79,26 @@ def drive(detector: CameraDetector, log: CityRecording) -> Drive:
     """Detect in all images of a log."""
     images, truths = images_and_truth(log)
     stamps = sorted(set(images) & set(truths))
-    found = [detect(detector, images[stamp]) for stamp in stamps]
-    steps = Steps(np.arange(len(stamps)), np.array(stamps), np.zeros(len(stamps), np.int64))
-    return Drive(log.name, steps, truth_objects([truths[stamp] for stamp in stamps]), found_objects(found))
+    pixels = (decode(images[stamp]) for stamp in stamps)
+    found = [detector.infer(detector.prepare(image)) for image in pixels if image is not None]
+    assert len(found) == len(stamps)
 
+    def join(parts: Sequence[object], field: str) -> np.ndarray:
+        return np.concatenate([np.asarray(getattr(part, field)) for part in parts])
 
-def detect(detector: CameraDetector, image: Image) -> CameraDetections:
-    pixels = decode(image)
-    assert pixels is not None
-    return detector.infer(detector.prepare(pixels))
-
-
-def truth_objects(boxes: Sequence[Boxes2D]) -> Objects:
-    def joined(field: str) -> np.ndarray:
-        return np.concatenate([np.asarray(getattr(part, field)) for part in boxes])
-
+    boxes = [truths[stamp] for stamp in stamps]
     step = np.repeat(np.arange(len(boxes)), [len(part) for part in boxes])
-    none = np.zeros(len(step))
-    return Objects(
-        step, joined("label"), joined("track_id").astype(np.int64), none, joined("xyxy_px"),
-        distance_m=joined("distance_m"), visibility=joined("visibility"), ignore=joined("ignore"),
+    truth = Objects(
+        step, join(boxes, "label"), join(boxes, "track_id").astype(np.int64), np.zeros(len(step)),
+        join(boxes, "xyxy_px"), distance_m=join(boxes, "distance_m"), visibility=join(boxes, "visibility"),
+        ignore=join(boxes, "ignore"),
     )  # fmt: skip
-
-
-def found_objects(found: Sequence[CameraDetections]) -> Objects:
     step = np.repeat(np.arange(len(found)), [len(part) for part in found])
-    label, score, xyxy = (np.concatenate([getattr(part, f) for part in found]) for f in ("label", "score", "xyxy_px"))
-    return Objects(step, label, np.full(len(step), -1), score, xyxy)
+    estimates = Objects(
+        step, join(found, "label"), np.full(len(step), -1), join(found, "score"), join(found, "xyxy_px")
+    )
+    steps = Steps(np.arange(len(stamps)), np.array(stamps), np.zeros(len(stamps), np.int64))
+    return Drive(log.name, steps, truth, estimates)
 
 
 def usual(distance_m: Array, visibility: Array) -> Bool:
@@ -122,19 +106,19 @@ def usual(distance_m: Array, visibility: Array) -> Bool:
     return (distance_m < FAR_M) & (visibility >= SEEN)
 
 
-def at_distance(low_m: float, high_m: float) -> Wanted:
-    return lambda distance_m, visibility: (visibility >= SEEN) & (distance_m >= low_m) & (distance_m < high_m)
+def at_distance(low_m: float, high_m: float, distance_m: Array, visibility: Array) -> Bool:
+    return (visibility >= SEEN) & (distance_m >= low_m) & (distance_m < high_m)
 
 
-def visible(low: float, high: float) -> Wanted:
-    return lambda distance_m, visibility: (distance_m < FAR_M) & (visibility >= low) & (visibility < high)
+def visible(low: float, high: float, distance_m: Array, visibility: Array) -> Bool:
+    return (distance_m < FAR_M) & (visibility >= low) & (visibility < high)
 
 
-def ap50(found: Sequence[Drive], wanted: Wanted = usual, labels: Sequence[str] = VEHICLES) -> Number:
-    """Return AP50 of some labels as one class; other truth of these labels excuses what lies in it."""
+def ap50(found: Sequence[Drive], wanted: Wanted = usual, labels: Sequence[str] = VEHICLES) -> str:
+    """AP50 of some labels as one class, and of how many boxes; other truth of these labels excuses what lies in it."""
     profile = CocoProfile(classes=("object",)).with_match(Match("iou2d", 0.5))
     row = evaluate(profile, [_as_one_class(one, wanted, labels) for one in found]).scores()[0]
-    return Number(row.value, int(row.counts["truth"]))
+    return f"{'-' if row.value is None else f'{row.value:.3f}'} ({int(row.counts['truth'])})"
 
 
 def _as_one_class(one: Drive, wanted: Wanted, labels: Sequence[str]) -> Drive:
@@ -176,23 +160,22 @@ def main() -> None:
     for weather, found in of_weather.items():
         parts = [[one for one in found if one.name.startswith(world)] for world in WORLDS]
         f1, score = best_f1(found)
-        worlds = " | ".join(str(ap50(part)) for part in parts)
+        worlds = " | ".join(map(ap50, parts))
         print(f"| {weather} | {ap50(found)} | {worlds} | {f1:.3f} at {score:.2f} |")
-    if "clear" in of_weather:
-        details(of_weather["clear"])
-
-
-def details(clear: Sequence[Drive]) -> None:
-    """Print how AP50 depends on class, distance and visibility in clear weather."""
+    clear = of_weather.get("clear", ())
+    if not clear:
+        return
     print("\n| class, clear | AP50 |\n|---|---|")
     for label in CLASSES:
         print(f"| {label} | {ap50(clear, labels=(label,))} |")
     print("\n| distance, clear | AP50 |\n|---|---|")
     for low, high in DISTANCES_M:
-        print(f"| {low:g} to {high:g} m | {ap50(clear, at_distance(low, high))} |")
+        number = ap50(clear, partial(at_distance, low, high))
+        print(f"| {low:g} to {high:g} m | {number} |")
     print("\n| visible share, clear | AP50 |\n|---|---|")
     for low, high in VISIBILITIES:
-        print(f"| {low:.0%} to {min(high, 1):.0%} | {ap50(clear, visible(low, high))} |")
+        number = ap50(clear, partial(visible, low, high))
+        print(f"| {low:.0%} to {min(high, 1):.0%} | {number} |")
 
 
 if __name__ == "__main__":

@@ -14,19 +14,19 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from common import write_missing
 from scipy.spatial.transform import Rotation
 
 from fbench.api.runs import replay
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
-from fbench.datasets.importing.run import write_recording
 from fbench.metrics.robustness import ScoredRun, pool
 from fbench.replay.conditions.generators import generator
-from fbench.replay.logs.convert.target import Target
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
@@ -49,27 +49,25 @@ class Drive:
     seed: int
     seconds: float
 
-    def spec(self, late_ms: int) -> CitySpec:
+    def recording(self, late_ms: int) -> CityRecording:
         """With a camera that measures so long after the LiDAR."""
         rig = thesis_rig()
         camera = rig.cameras["camera"].model_copy(update={"phase_ms": float(late_ms % PERIOD_MS)})
         lidar = rig.lidars["lidar"]
         lidar = lidar.model_copy(update={"rate_hz": 1000.0 / PERIOD_MS, "points_per_s": lidar.points_per_s // 2})
         own = RigSpec(cameras={"camera": camera}, lidars={"lidar": lidar}, radars=rig.radars)
-        return CitySpec(self.world, condition("clear"), self.seconds, self.seed, own)
+        spec = CitySpec(self.world, condition("clear"), self.seconds, self.seed, own)
+        return CityRecording(spec, f"{self.world}-{self.seed}-{late_ms % PERIOD_MS}")
 
     def log(self, folder: Path, late_ms: int) -> Path:
         """Its file, written where it isn't there."""
-        path = folder / f"{self.world}-{self.seed}-{late_ms % PERIOD_MS}.mcap"
-        if not path.exists():
-            recording = CityRecording(self.spec(late_ms), path.stem)
-            write_recording(recording, Target(path), lambda name, num, total: None)
-        return path
+        recording = self.recording(late_ms)
+        return write_missing(recording, folder / f"{recording.name}.mcap")
 
 
 def wrong_rig(drive: Drive, degrees: float, meters: float) -> str:
     """Calibration with an error xi of camera and radar, as TOML."""
-    rig, lines = drive.spec(0).rig.rig(), []
+    rig, lines = drive.recording(0).rig, []
     for name in WRONG:
         draw = generator(drive.seed, "mounting", drive.world, name)
         axis, direction = (v / np.linalg.norm(v) for v in draw.normal(size=(2, 3)))
@@ -112,10 +110,8 @@ def late(drives: Sequence[Drive], pipelines: Sequence[str], folder: Path) -> Ite
 
 def table(title: str, runs: Sequence[ScoredRun], levels: Sequence[float]) -> None:
     """Print F1 by level, and where early and late fusion cross."""
-    names, pipelines = (
-        list(dict.fromkeys(r.condition for r in runs)),
-        list(dict.fromkeys(r.configuration for r in runs)),
-    )
+    names = list(dict.fromkeys(r.condition for r in runs))
+    pipelines = list(dict.fromkeys(r.configuration for r in runs))
     sys.stdout.write(f"\n| {title} | space | {' | '.join(names)} |\n|---|---|{'---:|' * len(names)}\n")
     found: dict[tuple[str, str], list[float | None]] = {}
     for space in ("image", "3D"):
@@ -128,23 +124,16 @@ def table(title: str, runs: Sequence[ScoredRun], levels: Sequence[float]) -> Non
                 sys.stdout.write(f"| {pipeline} | {space} | {shown} |\n")
     for early, late_, space in PAIRS:
         if (early, space) in found and (late_, space) in found:
-            sys.stdout.write(f"\n{crossing(early, late_, space, found[early, space], found[late_, space], levels)}\n")
-
-
-def crossing(
-    early: str, late_: str, space: str, of_early: Sequence[float | None], of_late: Sequence[float | None],
-    levels: Sequence[float],
-) -> str:  # fmt: skip
-    """Say at which levels the better one changes, by straight lines between those measured."""
-    lead = [float("nan") if a is None or b is None else b - a for a, b in zip(of_early, of_late, strict=True)]
-    places = [
-        levels[i] + (levels[i + 1] - levels[i]) * lead[i] / (lead[i] - lead[i + 1])
-        for i in range(len(lead) - 1)
-        if lead[i] * lead[i + 1] < 0
-    ]
-    where = ", ".join(f"{place:.2g}" for place in places)
-    begins = f"{late_ if lead[0] > 0 else early} is ahead without errors"
-    return f"{early} and {late_}, {space}: {begins}; " + (f"they cross at {where}" if where else "they never cross")
+            both = zip(found[early, space], found[late_, space], strict=True)
+            lead = [float("nan") if a is None or b is None else b - a for a, b in both]
+            places = [  # where the better one changes, by straight lines between the levels measured
+                x + (y - x) * a / (a - b)
+                for (x, y), (a, b) in zip(pairwise(levels), pairwise(lead), strict=True)
+                if a * b < 0
+            ]
+            where = f"cross at {', '.join(f'{place:.2g}' for place in places)}" if places else "never cross"
+            begins = f"{late_ if lead[0] > 0 else early} is ahead without errors"
+            sys.stdout.write(f"\n{early} and {late_}, {space}: {begins}; they {where}\n")
 
 
 def main() -> None:

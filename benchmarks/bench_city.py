@@ -102,10 +102,6 @@ def logs() -> None:
               "building the city included")  # fmt: skip
 
 
-def main() -> None:
+if __name__ == "__main__":
     sensors()
     logs()
-
-
-if __name__ == "__main__":
-    main()

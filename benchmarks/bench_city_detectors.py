@@ -16,7 +16,6 @@ from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDet
 from fbench.replay.data.arrays import Array, Bool
 from fbench.replay.data.boxes import VEHICLES, Boxes2D
 from fbench.replay.data.images import decode
-from fbench.replay.data.messages import Image
 from fbench.replay.geometry.iou import iou_2d
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
@@ -29,12 +28,6 @@ WEIGHTS = {
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")
 SECONDS, NUM_SEEDS = 2.0, 4
 Counts: TypeAlias = dict[tuple[str, WorldName], Counter[str]]  # By detector and world
-
-
-def mono_log(world: WorldName, seed: int, seconds: float) -> tuple[dict[int, Image], dict[int, Boxes2D]]:
-    """Return the images of a clear drive and what is true of them, by stamp."""
-    rig = RigSpec(cameras={"camera": thesis_rig().cameras["camera"]})
-    return images_and_truth(CityRecording(CitySpec(world, condition("clear"), seconds, seed, rig), "log"))
 
 
 def is_vehicle(label: Array) -> Bool:
@@ -59,13 +52,15 @@ def matches(found: CameraDetections, truth: Boxes2D) -> Counter[str]:
                    right=int(right.sum()))  # fmt: skip
 
 
-def counted(weights: Path, worlds: Sequence[WorldName], seeds: Sequence[int], seconds: float) -> Counts:
+def count_matches(weights: Path, worlds: Sequence[WorldName], seeds: Sequence[int], seconds: float) -> Counts:
     """Return the counts of every detector in every world."""
     detectors = {name: CameraDetector(CameraParams(weights / file, SCORE)) for name, file in WEIGHTS.items()}
     counts = {(name, world): Counter[str]() for name in detectors for world in worlds}
+    rig = RigSpec(cameras={"camera": thesis_rig().cameras["camera"]})
     for world in worlds:
         for seed in seeds:
-            images, truth = mono_log(world, seed, seconds)
+            spec = CitySpec(world, condition("clear"), seconds, seed, rig)
+            images, truth = images_and_truth(CityRecording(spec, "log"))
             for stamp_ns, image in images.items():
                 pixels = decode(image)
                 assert pixels is not None
@@ -73,12 +68,6 @@ def counted(weights: Path, worlds: Sequence[WorldName], seeds: Sequence[int], se
                     found = detector.infer(detector.prepare(pixels))
                     counts[name, world] += matches(found, truth[stamp_ns])
     return counts
-
-
-def row(name: str, world: str, c: Counter[str]) -> str:
-    recall, precision = c["found"] / max(1, c["near"]), c["right"] / max(1, c["detections"])
-    shares = f"{c['found']}/{c['near']}", f"{c['right']}/{c['detections']}"
-    return f"{name:14}{world:10}{recall:8.2f}{shares[0]:>12}{precision:12.2f}{shares[1]:>12}"
 
 
 def main() -> None:
@@ -91,8 +80,10 @@ def main() -> None:
     print(f"clear, seeds {', '.join(map(str, seeds))}, {SECONDS:g} s each; vehicles within {NEAR_M:g} m of which "
           f"{SEEN:.0%} are visible; detections above {SCORE:g}, right above an IoU of {IOU:g}")  # fmt: skip
     print(f"{'detector':14}{'world':10}{'recall':>8}{'found/near':>12}{'precision':>12}{'right/all':>12}")
-    for (name, world), count in counted(weights, WORLDS, seeds, SECONDS).items():
-        print(row(name, world, count))
+    for (name, world), c in count_matches(weights, WORLDS, seeds, SECONDS).items():
+        recall, precision = c["found"] / max(1, c["near"]), c["right"] / max(1, c["detections"])
+        shares = f"{c['found']}/{c['near']}", f"{c['right']}/{c['detections']}"
+        print(f"{name:14}{world:10}{recall:8.2f}{shares[0]:>12}{precision:12.2f}{shares[1]:>12}")
 
 
 if __name__ == "__main__":

@@ -57,10 +57,8 @@ def read_by_mcap(path: Path) -> tuple[Messages, int]:
 def read_by_fbench(path: Path) -> tuple[Messages, int]:
     faults = FaultLog()
     container = open_container(path, faults)
-    messages = [
-        (entry.log_ns, bytes(cast("memoryview", entry.data)))
-        for entry in container.entries(frozenset(container.channels))
-    ]
+    entries = container.entries(frozenset(container.channels))
+    messages = [(entry.log_ns, bytes(cast("memoryview", entry.data))) for entry in entries]
     return messages, sum(faults.counts.values())
 
 

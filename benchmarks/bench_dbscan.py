@@ -63,9 +63,8 @@ def main() -> None:
     print(f"first call, compiled or from the cache: {time.process_time() - start:.1f} s")
     times = {num: compare("plane", street(num)) for num in SIZES}
     growth = np.log(times[300_000] / times[10_000]) / np.log(30)
-    print(
-        f"from 10,000 to 300,000 points: {times[300_000] / times[10_000]:.0f} times, points to the power {growth:.2f}"
-    )
+    ratio = times[300_000] / times[10_000]
+    print(f"from 10,000 to 300,000 points: {ratio:.0f} times, points to the power {growth:.2f}")
     compare("plane, ten times as dense", street(30_000, spacing_m=0.4 / np.sqrt(10)))
     compare("space", street(30_000, num_axes=3))
     points = street(30_000)

@@ -9,46 +9,19 @@ means over frames, since the median frame is one in which nothing is detected; t
 
 import argparse
 import tempfile
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from common import write_drive
 
 from fbench.api.runs import replay
 from fbench.metrics.runs.combine import combine_runs, measure_run
-from fbench.replay.data.scores import Score, ScoreOptions
-from fbench.replay.runs.folder import Run
+from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 
 PIPELINES = "camera2d,lidar3d,radar3d,late3d"
 SEEDS = (101, 102)
-
-
-def drives(folder: Path) -> Iterator[Path]:
-    for world in ("urban", "highway"):
-        for seed in SEEDS:
-            yield write_drive(folder / f"{world}-{seed}.mcap", world, 3.0, seed)
-
-
-def replayed(logs: Sequence[Path], pipeline: str, settings: Sequence[str], folder: Path) -> list[Run]:
-    requests = (
-        ReplayRequest(LogRequest(log), pipeline, settings, out=folder / log.stem, overwrite=True, no_media=True)
-        for log in logs
-    )
-    return [replay(request).run for request in requests]
-
-
-def mean_ms(runs: Sequence[Run]) -> float:
-    """Mean of the whole frame, without each log's first."""
-    times = [ns for run in runs for ns in run.timings["total"][1:]]
-    return sum(times) / len(times) / 1e6
-
-
-def percent(rows: Sequence[Score], metric: str) -> str:
-    """The first row of a metric is about all vehicles, in the pipeline's own space."""
-    value = next((row.value for row in rows if row.metric == metric), None)
-    return "–" if value is None else f"{100 * value:.2f}"
+METRICS = ("f1", "mota", "mota_no_fp")
 
 
 def main() -> None:
@@ -59,19 +32,30 @@ def main() -> None:
     parser.add_argument("--set", dest="settings", action="append", default=[])
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        logs = args.logs or list(drives(Path(folder)))
+        logs = args.logs or [
+            write_drive(Path(folder) / f"{world}-{seed}.mcap", world, 3.0, seed)
+            for world in ("urban", "highway")
+            for seed in SEEDS
+        ]
         print(
             "| pipeline | detection in one frame of | predicted detections % | F1 % | MOTA % | MOTA % (thesis) | ms |"
         )
         print("|---|---:|---:|---:|---:|---:|---:|")
         for pipeline in args.pipelines.split(","):
             for every in map(int, args.every.split(",")):
-                runs = replayed(logs, pipeline, [*args.settings, f"detect_every={every}"], Path(folder) / "runs")
+                settings, runs = [*args.settings, f"detect_every={every}"], []
+                for log in logs:
+                    out = Path(folder) / "runs" / log.stem
+                    request = ReplayRequest(LogRequest(log), pipeline, settings, out=out, overwrite=True, no_media=True)
+                    runs.append(replay(request).run)
                 rows = combine_runs(measure_run(run, ScoreOptions()) for run in runs)
                 counts = next(row.counts for row in rows if row.metric == "f1")
                 share = counts.get("predicted", 0) / max(1, counts["tp"] + counts["fp"])
-                numbers = (percent(rows, name) for name in ("f1", "mota", "mota_no_fp"))
-                cells = (pipeline, every, f"{100 * share:.0f}", *numbers, f"{mean_ms(runs):.1f}")
+                # The first row of a metric is about all vehicles, in the pipeline's own space.
+                values = [next((row.value for row in rows if row.metric == m), None) for m in METRICS]
+                numbers = ["–" if value is None else f"{100 * value:.2f}" for value in values]
+                times = [ns for run in runs for ns in run.timings["total"][1:]]
+                cells = (pipeline, every, f"{100 * share:.0f}", *numbers, f"{sum(times) / len(times) / 1e6:.1f}")
                 print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 

@@ -35,17 +35,12 @@ class Echo:
         return Output(boxes, Boxes3D.empty(), {})
 
 
-def cloud() -> PointCloud:
-    rng = np.random.Generator(np.random.Philox(key=0))
-    xyz = rng.normal(0, 20, (NUM_POINTS, 3)).astype(np.float32)
-    intensity = rng.random(NUM_POINTS, np.float32)
-    ring = rng.integers(0, 64, NUM_POINTS).astype(np.uint16)
-    return PointCloud("lidar", 0, 0, xyz, intensity, ring, np.arange(NUM_POINTS, dtype=np.int32))
-
-
 def milliseconds(pipeline: Pipeline) -> tuple[float, float]:
     """Median and 95th percentile of a step."""
-    message = cloud()
+    rng = np.random.Generator(np.random.Philox(key=0))
+    xyz, intensity = rng.normal(0, 20, (NUM_POINTS, 3)).astype(np.float32), rng.random(NUM_POINTS, np.float32)
+    ring = rng.integers(0, 64, NUM_POINTS).astype(np.uint16)
+    message = PointCloud("lidar", 0, 0, xyz, intensity, ring, np.arange(NUM_POINTS, dtype=np.int32))
     pipeline.start(RIG, LogInfo("bench", "bench"))
     times = []
     for i in range(NUM_FRAMES):
@@ -57,25 +52,20 @@ def milliseconds(pipeline: Pipeline) -> tuple[float, float]:
     return float(median), float(p95)
 
 
-def compiled(cmake: str, folder: Path) -> Path:
-    for arguments in (["-S", str(SOURCES), "-B", str(folder)], ["--build", str(folder), "--target", "echo"]):
-        subprocess.run([cmake, *arguments], check=True, stdout=subprocess.DEVNULL)
-    return folder / "echo"
-
-
 def main() -> None:
     cmake = shutil.which("cmake")
     if not cmake or not shutil.which("g++"):
         print("exec: skipped, no cmake or no g++ here")
         return
-    with tempfile.TemporaryDirectory() as name, closing(Exec(ExecParams(str(compiled(cmake, Path(name)))))) as pipeline:
-        outside, p95 = milliseconds(pipeline)
+    with tempfile.TemporaryDirectory() as folder:
+        for arguments in (["-S", str(SOURCES), "-B", folder], ["--build", folder, "--target", "echo"]):
+            subprocess.run([cmake, *arguments], check=True, stdout=subprocess.DEVNULL)
+        with closing(Exec(ExecParams(f"{folder}/echo"))) as pipeline:
+            outside, p95 = milliseconds(pipeline)
     inside, _ = milliseconds(Echo())
-    wire_mb = NUM_POINTS * 22 / 1e6
-    print(
-        f"exec, {NUM_POINTS} points ({wire_mb:.1f} MB) a frame: {outside:.3f} ms (p95 {p95:.3f}), in process "
-        f"{inside:.3f} ms: +{outside - inside:.3f} ms, ratio {outside / inside:.0f} (under 1 ms wanted)"
-    )
+    frame = f"exec, {NUM_POINTS} points ({NUM_POINTS * 22 / 1e6:.1f} MB) a frame"
+    more = f"+{outside - inside:.3f} ms, ratio {outside / inside:.0f} (under 1 ms wanted)"
+    print(f"{frame}: {outside:.3f} ms (p95 {p95:.3f}), in process {inside:.3f} ms: {more}")
 
 
 if __name__ == "__main__":

@@ -34,25 +34,21 @@ class Case:
     half: str = ""  # Frames of its first half
 
 
-class OpenedFiles:
+def opened_files(root: Path, work: Callable[[], object]) -> list[Path]:
     """Which files below a folder a piece of work reads."""
+    paths: dict[Path, None] = {}
+    is_over = False
 
-    def __init__(self) -> None:
-        self._root: Path | None = None
-        self._paths: dict[Path, None] = {}
-        sys.addaudithook(self._see)
-
-    def of(self, root: Path, work: Callable[[], object]) -> list[Path]:
-        self._root, self._paths = root, {}
-        work()
-        self._root = None
-        return list(self._paths)
-
-    def _see(self, event: str, args: tuple[Any, ...]) -> None:
-        if event == "open" and self._root is not None and isinstance(args[0], str | Path):
+    def see(event: str, args: tuple[Any, ...]) -> None:  # Stays for good
+        if event == "open" and not is_over and isinstance(args[0], str | Path):
             path = Path(args[0])
-            if path.is_relative_to(self._root) and path.is_file():
-                self._paths[path] = None
+            if path.is_relative_to(root) and path.is_file():
+                paths[path] = None
+
+    sys.addaudithook(see)
+    work()
+    is_over = True
+    return list(paths)
 
 
 def copy(paths: list[Path], out: Path) -> None:
@@ -76,16 +72,15 @@ def cases(folder: Path, num_bytes: float) -> Iterator[Case]:
         yield Case(f"{name} (generated)", dataset, source, f":{num // 2}")
 
 
-def report(case: Case, opened: OpenedFiles, out: Path) -> None:
+def report(case: Case, out: Path) -> None:
     importer = make_importer(case.dataset, [])
-    paths = opened.of(case.source, lambda: import_one(importer, case.source, out))
+    paths = opened_files(case.source, lambda: import_one(importer, case.source, out))
     megabytes = sum(path.stat().st_size for path in paths) / 1e6
     copied = best_s(lambda: copy(paths, out), REPEATS)
     imported = best_s(lambda: import_one(importer, case.source, out), REPEATS)
-    print(
-        f"importing {case.name} ({len(paths)} files, {megabytes:.0f} MB): {imported:.2f} s, copying {copied:.2f} s: "
-        f"ratio {imported / copied:.2f} (at most 2 wanted)"
-    )
+    what = f"importing {case.name} ({len(paths)} files, {megabytes:.0f} MB)"
+    ratio = f"ratio {imported / copied:.2f} (at most 2 wanted)"
+    print(f"{what}: {imported:.2f} s, copying {copied:.2f} s: {ratio}")
     if case.half:
         command = ["log", "import", case.dataset, str(case.source), "-o", str(out), "--overwrite"]
         part, whole = peak_kib(*command, "--frames", case.half), peak_kib(*command)
@@ -94,10 +89,9 @@ def report(case: Case, opened: OpenedFiles, out: Path) -> None:
 
 def main() -> None:
     megabytes = float(sys.argv[1]) if len(sys.argv) > 1 else 200.0
-    opened = OpenedFiles()
     with tempfile.TemporaryDirectory() as name:
         for case in cases(Path(name), 1e6 * megabytes):
-            report(case, opened, Path(name) / "out.mcap")
+            report(case, Path(name) / "out.mcap")
 
 
 if __name__ == "__main__":

@@ -20,12 +20,11 @@ from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
 NUM_POINTS, IMAGE_BYTES, POSES_A_FRAME = 50_000, 400_000, 10
+CAMERAS = ("left", "right")
+MOUNTS = {name: Mount("camera", np.zeros(3), UPRIGHT) for name in CAMERAS}
 RIG = Rig(
-    {
-        name: Mount("lidar" if name == "lidar" else "camera", np.zeros(3), UPRIGHT)
-        for name in ("lidar", "left", "right")
-    },
-    {name: CameraModel(np.eye(3), (1280, 720)) for name in ("left", "right")},
+    {"lidar": Mount("lidar", np.zeros(3), UPRIGHT), **MOUNTS},
+    {name: CameraModel(np.eye(3), (1280, 720)) for name in CAMERAS},
 )
 
 
@@ -39,7 +38,7 @@ def write(path: Path, num_bytes: int) -> None:
         for i in range(num_frames):
             stamp = 1_000_000_000 + 100_000_000 * i
             log.write(PointCloud("lidar", stamp, stamp, xyz, xyz[:, 0].copy()))
-            for name in ("left", "right"):
+            for name in CAMERAS:
                 log.write(Image(name, stamp, stamp, jpeg, "jpeg", (1280, 720)))
             for k in range(POSES_A_FRAME):
                 log.write(Pose("gnss", stamp + k * 10_000_000, stamp + k * 10_000_000, np.zeros(3), UPRIGHT))

@@ -41,10 +41,8 @@ def main() -> None:
         np.testing.assert_allclose(ours, by_shapely(a, b), rtol=0, atol=1e-9)
         mine = best_s(partial(flat_iou, a, b, each, each, solid=False))
         theirs = best_s(partial(by_shapely, a, b), 2)
-        print(
-            f"iou_bev, {NUM} pairs, {100 * (ours > 0).mean():.0f} % overlap: {1e3 * mine:.1f} ms, "
-            f"shapely {1e3 * theirs:.0f} ms, {theirs / mine:.1f} times as fast"
-        )
+        times = f"{1e3 * mine:.1f} ms, shapely {1e3 * theirs:.0f} ms, {theirs / mine:.1f} times as fast"
+        print(f"iou_bev, {NUM} pairs, {100 * (ours > 0).mean():.0f} % overlap: {times}")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from common import NOISE_PERIOD_NS, NOISE_POINTS, NOISE_RIG, peak_kib, write_city_log
+from common import NOISE_PERIOD_NS, NOISE_POINTS, NOISE_RIG, peak_kib, write_drive
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import Image, PointCloud
@@ -20,7 +20,7 @@ from fbench.replay.logs.open import open_log
 
 def clouds(folder: Path) -> list[PointCloud]:
     """Some clouds of the city, filled up to `NOISE_POINTS` with points high above."""
-    write_city_log(folder / "city.mcap", 2.0)
+    write_drive(folder / "city.mcap", "urban", 2.0, 101, ["lidar", "radar"])
     found = [m for m in open_log(folder / "city.mcap", FaultLog()).messages() if isinstance(m, PointCloud)]
     rng = np.random.Generator(np.random.Philox(1))
     sky = rng.uniform((-80, -80, 40), (80, 80, 60), (NOISE_POINTS, 3)).astype(np.float32)

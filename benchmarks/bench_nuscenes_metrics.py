@@ -31,9 +31,8 @@ def scene(seed: int, num_steps: int = NUM_STEPS) -> Sequence:
     found, others = rng.integers(0, NUM_TRUTH, NUM_RESULTS // 2), NUM_RESULTS - NUM_RESULTS // 2
     near = place[:, found] + rng.normal(0, 0.8, (num_steps, len(found), 2))
     centers = np.concatenate([near, rng.uniform(-20, 20, (num_steps, others, 2))], axis=1)
-    labels = np.concatenate(
-        [label[:, found], rng.choice(np.array(DETECTION_RULES.classes), (num_steps, others))], axis=1
-    )
+    other = rng.choice(np.array(DETECTION_RULES.classes), (num_steps, others))
+    labels = np.concatenate([label[:, found], other], axis=1)
     truth, results = boxes(rng, label, place), boxes(rng, labels, centers)
     return Sequence(f"scene-{seed:04d}", Steps.of_one_stream(num_steps), truth, results)
 
@@ -80,22 +79,26 @@ def devkit_boxes(sequences: list[Sequence], side: str) -> object:
     result = EvalBoxes()
     for sequence in sequences:
         own: Objects = sequence.truth if side == "truth" else sequence.estimates
-        starts = own.starts(len(sequence.steps))
+        starts, half_rad = own.starts(len(sequence.steps)), np.asarray(own.yaw_rad) / 2
+        center_m, size_m, velocity = (np.asarray(a).tolist() for a in (own.center_m, own.size_lwh_m, own.velocity_mps))
         for step in range(len(sequence.steps)):
-            token = f"{sequence.name}-{step}"
-            rows = range(starts[step], starts[step + 1])
-            result.add_boxes(token, [DetectionBox(token, **devkit_box(own, i)) for i in rows])
+            token, made = f"{sequence.name}-{step}", []
+            for i in range(starts[step], starts[step + 1]):
+                length, width, height = size_m[i]
+                made.append(
+                    DetectionBox(
+                        token,
+                        translation=center_m[i],
+                        size=[width, length, height],
+                        velocity=velocity[i][:2],
+                        rotation=[math.cos(half_rad[i]), 0.0, 0.0, math.sin(half_rad[i])],
+                        detection_name=str(own.label[i]),
+                        detection_score=float(own.score[i]),
+                        attribute_name=str(np.asarray(own.attribute)[i]),
+                    )
+                )
+            result.add_boxes(token, made)
     return result
-
-
-def devkit_box(own: Objects, i: int) -> dict[str, object]:
-    center, size, velocity = (np.asarray(a)[i].tolist() for a in (own.center_m, own.size_lwh_m, own.velocity_mps))
-    half = float(np.asarray(own.yaw_rad)[i]) / 2
-    return {
-        "translation": center, "size": [size[1], size[0], size[2]], "velocity": velocity[:2],
-        "rotation": [math.cos(half), 0.0, 0.0, math.sin(half)], "detection_name": str(own.label[i]),
-        "detection_score": float(own.score[i]), "attribute_name": str(np.asarray(own.attribute)[i]),
-    }  # fmt: skip
 
 
 def main() -> None:

@@ -89,11 +89,11 @@ COMPONENTS = (
 )  # fmt: skip
 
 
-def replayed(log: Path, pipeline: str, num_threads: int, folder: Path, frames: str | None = None) -> Run:
+def run_pipeline(log: Path, pipeline: str, num_threads: int, folder: Path, frames: str | None = None) -> Run:
+    request = ReplayRequest(
+        LogRequest(log), pipeline, frames=frames, out=folder / pipeline, overwrite=True, no_media=True
+    )
     with threads(num_threads):
-        request = ReplayRequest(
-            LogRequest(log), pipeline, frames=frames, out=folder / pipeline, overwrite=True, no_media=True
-        )
         return replay(request).run
 
 
@@ -103,21 +103,10 @@ def times(run: Run) -> pd.DataFrame:
     return table.pivot_table(index="frame", columns="stage", values="ns", fill_value=0).iloc[1:]
 
 
-def added(stages: pd.DataFrame, names: Sequence[str]) -> list[int]:
-    """Times [ns] of some stages together, by frame."""
-    return [round(ns) for ns in stages[[name for name in names if name in stages]].sum(axis=1)]
-
-
-def shares(stages: pd.DataFrame) -> pd.DataFrame:
-    """Where stages ran side by side, cut their times so that they add up to the whole frame's."""
-    parts = stages.drop(columns=TOTAL)
-    scale = np.minimum(1.0, stages[TOTAL] / parts.sum(axis=1))
-    return parts.mul(scale, axis=0).assign(**{TOTAL: stages[TOTAL]})
-
-
-def figures(times_ns: Sequence[int]) -> tuple[float, float]:
-    """Median and p99 [ms]."""
-    found = stage_latency("", times_ns, num_first=0)
+def figures(stages: pd.DataFrame, names: Sequence[str]) -> tuple[float, float]:
+    """Median and p99 [ms] of the times [ns] of some stages together."""
+    together = [round(ns) for ns in stages[[name for name in names if name in stages]].sum(axis=1)]
+    found = stage_latency("", together, num_first=0)
     return found["p50_ms"], found["p99_ms"]
 
 
@@ -125,36 +114,33 @@ def line(*cells: object) -> None:
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
-def detector(run: Run) -> str:
-    weights = run.manifest.parameters.get("camera.weights")
-    return str(weights["file"]) if isinstance(weights, Mapping) else str(weights)
-
-
 def frame_table(log: Path, folder: Path) -> None:
     """Print the run times of whole frames."""
     both: dict[str, tuple[pd.DataFrame, pd.DataFrame]] = {}
     for pipeline in PIPELINES:
-        replayed(log, pipeline, NUM_CORES, folder, FEW)  # compiles, or reads the cache
-        run = replayed(log, pipeline, NUM_CORES, folder)
+        run_pipeline(log, pipeline, NUM_CORES, folder, FEW)  # compiles, or reads the cache
+        run = run_pipeline(log, pipeline, NUM_CORES, folder)
+        stages = times(run)
         if not both:
-            print(f"\n## Run time a frame\n\nDetector: {detector(run)}. {len(times(run))} frames of {log.stem}.\n")
-        side_by_side = shares(times(run))
-        both[pipeline] = side_by_side, times(replayed(log, pipeline, 1, folder))
-    line(
-        "stage", "pipeline", "thesis, RTX 4090", "wanted", "ours, two cores", "p99", "p99 / median", "one after another"
-    )
+            weights = run.manifest.parameters.get("camera.weights")
+            detector = weights["file"] if isinstance(weights, Mapping) else weights
+            print(f"\n## Run time a frame\n\nDetector: {detector}. {len(stages)} frames of {log.stem}.\n")
+        # Where stages ran side by side, cut their times so that they add up to the whole frame's.
+        parts = stages.drop(columns=TOTAL)
+        scale = np.minimum(1.0, stages[TOTAL] / parts.sum(axis=1))
+        side_by_side = parts.mul(scale, axis=0).assign(**{TOTAL: stages[TOTAL]})
+        both[pipeline] = side_by_side, times(run_pipeline(log, pipeline, 1, folder))
+    heads = ("stage", "pipeline", "thesis, RTX 4090", "wanted", "ours, two cores", "p99", "p99 / median")
+    line(*heads, "one after another")
     line("---", "---", *["---:"] * 6)
     for row in ROWS:
         for kind, i in row.kinds.items():
-            ours = cells(row, *both[kind]) if row.stages else ("–",) * 4
+            ours = ("–",) * 4
+            if row.stages:
+                (median, p99), (alone, _) = (figures(stages, row.stages) for stages in both[kind])
+                ours = f"{median:.2f}", f"{p99:.2f}", f"{p99 / median:.2f}", f"{alone:.2f}"
             line(row.name, kind, f"{row.thesis[i]:.2f}", f"{row.asked[i]:g}" if row.asked else "–", *ours)
     print(FRAME_NOTES, end="")
-
-
-def cells(row: Row, fast: pd.DataFrame, plain: pd.DataFrame) -> tuple[str, ...]:
-    """Our median, p99 and their ratio side by side, and the median one after another."""
-    (median, p99), (alone, _) = figures(added(fast, row.stages)), figures(added(plain, row.stages))
-    return f"{median:.2f}", f"{p99:.2f}", f"{p99 / median:.2f}", f"{alone:.2f}"
 
 
 def component_table(log: Path, stereo_log: Path, folder: Path) -> None:
@@ -164,15 +150,10 @@ def component_table(log: Path, stereo_log: Path, folder: Path) -> None:
     line("---", "---:", "---:", "---:", "---:", "---:", "---")
     for part in COMPONENTS:
         where = stereo_log if part.pipeline == "stereo3d" else log
-        replayed(where, part.pipeline, NUM_CORES, folder, FEW)
-        median, p99 = figures(added(times(replayed(where, part.pipeline, NUM_CORES, folder)), part.stages))
-        after, half = span(*part.after), span(*(ms / 2 for ms in part.after))
-        what = f"{part.what} ({part.pipeline})"
-        line(part.name, part.before, after, half, f"{median:.2f}", f"{p99:.2f}", what)
-
-
-def span(low: float, high: float) -> str:
-    return f"{low:.4g}" if low == high else f"{low:.4g}-{high:.4g}"
+        run_pipeline(where, part.pipeline, NUM_CORES, folder, FEW)
+        median, p99 = figures(times(run_pipeline(where, part.pipeline, NUM_CORES, folder)), part.stages)
+        after, half = ("-".join(f"{ms / by:.4g}" for ms in dict.fromkeys(part.after)) for by in (1, 2))
+        line(part.name, part.before, after, half, f"{median:.2f}", f"{p99:.2f}", f"{part.what} ({part.pipeline})")
 
 
 def main() -> None:

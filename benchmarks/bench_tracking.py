@@ -52,7 +52,7 @@ def unit(z: Float64) -> Float64:
     return np.array([np.sqrt(z[2]), np.sqrt(z[2]), z[2], z[3]])
 
 
-def measured(xyxy: Float64) -> Float64:
+def measure(xyxy: Float64) -> Float64:
     size = xyxy[:, 2:] - xyxy[:, :2]
     middle = (xyxy[:, :2] + xyxy[:, 2:]) / 2
     return np.column_stack([middle, size.prod(axis=1), size[:, 0] / size[:, 1]])
@@ -66,11 +66,11 @@ def corners(z: Float64) -> Float64:
 def plain_2d(frames: Sequence[Boxes2D]) -> None:
     tracks: list[PlainTrack] = []
     for boxes in frames:
-        z = measured(boxes.xyxy_px)
+        z = measure(boxes.xyxy_px)
         for track in tracks:
             track.predict(0.5 * unit(track.mean))
         iou = iou_2d(np.array([corners(t.mean) for t in tracks]).reshape(-1, 4), boxes.xyxy_px)
-        new = paired(tracks, z, np.where(iou >= 0.1, iou, 0.0), lambda row: 0.05 * unit(row))
+        new = associate(tracks, z, np.where(iou >= 0.1, iou, 0.0), lambda row: 0.05 * unit(row))
         tracks = [t for t in tracks if not t.missed or (t.hits >= 2 and t.missed <= 2)]
         tracks += [PlainTrack(z[k], 0.05 * unit(z[k]), 2 * unit(z[k])) for k in new]
 
@@ -82,12 +82,12 @@ def plain_3d(frames: Sequence[Boxes3D]) -> None:
             track.predict(np.full(3, 5.0))
         far = distance_bev(np.array([t.mean[:3] for t in tracks]).reshape(-1, 3), boxes.center_m)
         gate_m = 3.0 + 0.8 * np.array([t.missed for t in tracks]).reshape(-1, 1)
-        new = paired(tracks, boxes.center_m, np.maximum(1 - far / gate_m, 0.0), lambda row: np.full(3, 0.3))
+        new = associate(tracks, boxes.center_m, np.maximum(1 - far / gate_m, 0.0), lambda row: np.full(3, 0.3))
         tracks = [t for t in tracks if not t.missed or (t.hits >= 2 and t.missed <= 2)]
         tracks += [PlainTrack(boxes.center_m[k], np.full(3, 0.3), np.full(3, 10.0)) for k in new]
 
 
-def paired(tracks: list[PlainTrack], z: Float64, alike: Float64, std: Callable[[Float64], Float64]) -> list[int]:
+def associate(tracks: list[PlainTrack], z: Float64, alike: Float64, std: Callable[[Float64], Float64]) -> list[int]:
     """Correct tracks by what belongs to them, and return which measurements belong to none."""
     taken = set()
     for row, column in zip(*linear_sum_assignment(alike, maximize=True), strict=True):
@@ -132,19 +132,7 @@ def space(num_objects: int) -> list[Boxes3D]:
     return frames
 
 
-def track_2d(frames: Sequence[Boxes2D]) -> list[float]:
-    """Wall time [ms] of each step."""
-    tracker = Tracker2D(Tracker2DParams())
-    return [timed(partial(tracker.step, boxes, (i + 1) * PERIOD_NS)) for i, boxes in enumerate(frames)]
-
-
-def track_3d(frames: Sequence[Boxes3D]) -> list[float]:
-    """Wall time [ms] of each step."""
-    tracker, pose = Tracker3D(Tracker3DParams()), np.eye(4)
-    return [timed(partial(tracker.step, boxes, (i + 1) * PERIOD_NS, pose)) for i, boxes in enumerate(frames)]
-
-
-def timed(step: Callable[[], object]) -> float:
+def time_ms(step: Callable[[], object]) -> float:
     """Wall time [ms]."""
     start = time.perf_counter()
     step()
@@ -153,7 +141,7 @@ def timed(step: Callable[[], object]) -> float:
 
 def compare(name: str, num_objects: int, own: Callable[[int], list[float]], plain: Callable[[], None]) -> None:
     """Print figures of `own`, which takes how many frames to track."""
-    first = timed(partial(own, 2))
+    first = time_ms(partial(own, 2))
     steps = own(NUM_FRAMES)
     ratio = best_s(plain, 3, time.process_time) / best_s(partial(own, NUM_FRAMES), 3, time.process_time)
     print(
@@ -163,11 +151,19 @@ def compare(name: str, num_objects: int, own: Callable[[int], list[float]], plai
 
 
 def main() -> None:
-    in_images = images()
-    compare("2D", NUM_OBJECTS, lambda num: track_2d(in_images[:num]), lambda: plain_2d(in_images))
+    def track_2d(num: int, frames: Sequence[Boxes2D]) -> list[float]:  # Wall time [ms] of each step
+        step = Tracker2D(Tracker2DParams()).step
+        return [time_ms(partial(step, boxes, (i + 1) * PERIOD_NS)) for i, boxes in enumerate(frames[:num])]
+
+    def track_3d(num: int, frames: Sequence[Boxes3D]) -> list[float]:
+        step, pose = Tracker3D(Tracker3DParams()).step, np.eye(4)
+        return [time_ms(partial(step, boxes, (i + 1) * PERIOD_NS, pose)) for i, boxes in enumerate(frames[:num])]
+
+    flat = images()
+    compare("2D", NUM_OBJECTS, partial(track_2d, frames=flat), partial(plain_2d, flat))
     for num_objects in (5, 20, NUM_OBJECTS):  # KITTI's sequences have about five
-        in_space = space(num_objects)
-        compare("3D", num_objects, lambda num, own=in_space: track_3d(own[:num]), lambda own=in_space: plain_3d(own))  # type: ignore[misc]
+        deep = space(num_objects)
+        compare("3D", num_objects, partial(track_3d, frames=deep), partial(plain_3d, deep))
 
 
 if __name__ == "__main__":

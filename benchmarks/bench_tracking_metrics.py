@@ -7,9 +7,10 @@ Run it from the root of the repository, with the data of `tests` beside it; `PYT
 import contextlib
 import io
 import sys
-import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
+
+from common import best_by_turns_s
 
 from fbench.metrics.files.sequences import Choice, open_files
 from fbench.metrics.profiles.choose import evaluate
@@ -19,7 +20,6 @@ from fbench.replay.data.sequences import Sequence
 
 ROOT = Path(__file__).resolve().parents[2] / "shared/data/kitti_tracking"
 TRACKER = "GT-SORT"
-ROUNDS = 5
 
 
 def sequences() -> Iterable[Sequence]:
@@ -28,20 +28,9 @@ def sequences() -> Iterable[Sequence]:
     return open_files(ROOT / "label_02", ROOT / f"trackers_2d/{TRACKER}/data", choice).sequences()
 
 
-def scored(given: Iterable[Sequence]) -> list[Score]:
+def score(given: Iterable[Sequence]) -> list[Score]:
     """All rows, over all sequences and of each."""
     return evaluate(TRACKEVAL_KITTI, given).scores()
-
-
-def best_s(functions: Mapping[str, Callable[[], object]]) -> dict[str, float]:
-    """Shortest of some rounds, in each of which all run, so that a busy machine is so for all."""
-    times: dict[str, list[float]] = {name: [] for name in functions}
-    for _ in range(ROUNDS):
-        for name, function in functions.items():
-            start = time.perf_counter()
-            function()
-            times[name].append(time.perf_counter() - start)
-    return {name: min(of) for name, of in times.items()}
 
 
 def reference() -> Callable[[], float] | None:
@@ -72,11 +61,11 @@ def main() -> None:
         print(f"no data at {ROOT}", file=sys.stderr)
         return
     held = list(sequences())
-    rows = scored(held)  # compiles
+    rows = score(held)  # compiles
     parts: dict[str, Callable[[], object]] = {
         "counting": lambda: [TRACKEVAL_KITTI.measure(one) for one in held],
-        "counting and rows": lambda: scored(held),
-        "reading, counting and rows": lambda: scored(sequences()),
+        "counting and rows": lambda: score(held),
+        "reading, counting and rows": lambda: score(sequences()),
     }
     theirs = reference()
     if theirs is not None:
@@ -84,7 +73,7 @@ def main() -> None:
         assert mota is not None
         assert abs(theirs() - mota) < 1e-9
         parts["TrackEval, all"] = theirs
-    times = best_s(parts)
+    times = best_by_turns_s(parts, 5)
     for name, time_s in times.items():
         ratio = f", TrackEval takes {times['TrackEval, all'] / time_s:.1f} times as long" if theirs else ""
         print(f"{name}, {len(held)} sequences, cars and pedestrians: {1e3 * time_s:.0f} ms{ratio}")

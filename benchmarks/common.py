@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -56,6 +56,12 @@ def best_s(function: Callable[[], object], repeat: int = 5, clock: Callable[[], 
     return min(times)
 
 
+def best_by_turns_s(functions: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Return the shortest of some rounds by name, in each of which all run, so that a busy machine is so for all."""
+    times = [{name: best_s(function, 1) for name, function in functions.items()} for _ in range(rounds)]
+    return {name: min(taken[name] for taken in times) for name in functions}
+
+
 @contextmanager
 def threads(num: int) -> Iterator[None]:
     """Have the pipelines that are made meanwhile use so many."""
@@ -92,17 +98,17 @@ def frames_of(log: Path) -> tuple[Rig, LogInfo, list[Frame]]:
     return stream.rig, reader.info, list(stream.frames(reader))
 
 
-def write_drive(out: Path, world: str, seconds: float, seed: int, sensors: Sequence[str] = SENSORS) -> Path:
-    """Simulate a drive on a clear day with these sensors of the thesis's rig, unless it is there."""
+def write_missing(recording: CityRecording, out: Path) -> Path:
+    """Write a drive, unless it is there."""
     if not out.exists():
-        spec = CityRequest(world, seconds=seconds, seed=seed, sensors=sensors).spec()
-        write_recording(CityRecording(spec, out.stem), Target(out), lambda name, done, total: None)
+        write_recording(recording, Target(out), lambda name, done, total: None)
     return out
 
 
-def write_city_log(out: Path, seconds: float) -> None:
-    """Simulate an urban drive on a clear day, with LiDAR and radar of the thesis's rig."""
-    write_drive(out, "urban", seconds, 101, ["lidar", "radar"])
+def write_drive(out: Path, world: str, seconds: float, seed: int, sensors: Sequence[str] = SENSORS) -> Path:
+    """Simulate a drive on a clear day with these sensors of the thesis's rig, unless it is there."""
+    spec = CityRequest(world, seconds=seconds, seed=seed, sensors=sensors).spec()
+    return write_missing(CityRecording(spec, out.stem), out)
 
 
 def images_and_truth(log: CityRecording) -> tuple[dict[int, Image], dict[int, Boxes2D]]:

@@ -21,7 +21,7 @@ from fbench.pipelines.sensors.lidar.classification import FEATURES, FITTED, Seen
 from fbench.pipelines.sensors.lidar.lidar import LidarParams, obstacles, sort_by_cluster
 from fbench.pipelines.sensors.lidar.lidar import clusters as clustered
 from fbench.pipelines.sensors.points.merged import Outline
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import PointCloud, Truth
 from fbench.replay.data.rig import Rig
@@ -90,22 +90,15 @@ def clusters(rig: Rig, cloud: PointCloud, params: LidarParams) -> tuple[Float64,
     return sort_by_cluster(found, clustered(found.xyz, params.cluster), body_T_sensor[:2, 3])
 
 
-def inside(boxes: Boxes3D, row: int, xyz: Float64) -> Bool:
-    """Tell which points (N, 3) lie in one box, or hardly outside."""
-    offset = xyz - boxes.center_m[row]
-    cos, sin = np.cos(boxes.yaw_rad[row]), np.sin(boxes.yaw_rad[row])
-    own = np.column_stack([cos * offset[:, 0] + sin * offset[:, 1], cos * offset[:, 1] - sin * offset[:, 0],
-                           offset[:, 2]])  # fmt: skip
-    within: Bool = (np.abs(own) < boxes.size_lwh_m[row] / 2 + MARGIN_M).all(axis=1)
-    return within
-
-
-def shared(boxes: Boxes3D, xyz: Float64, cluster: Int64, num: int) -> tuple[Int64, Float64]:
+def match_boxes(boxes: Boxes3D, xyz: Float64, cluster: Int64, num: int) -> tuple[Int64, Float64]:
     """Return for each of `num` clusters the box that shares most points with it, -1: none, and how well (IoU)."""
     best, value = np.full(num, -1), np.zeros(num)
     size = np.bincount(cluster[cluster >= 0], minlength=num)
     for row in range(len(boxes)):
-        members = inside(boxes, row, xyz)
+        x, y, z = (xyz - boxes.center_m[row]).T  # members lie in the box, or hardly outside
+        cos, sin = np.cos(boxes.yaw_rad[row]), np.sin(boxes.yaw_rad[row])
+        own = np.column_stack([cos * x + sin * y, cos * y - sin * x, z])
+        members = (np.abs(own) < boxes.size_lwh_m[row] / 2 + MARGIN_M).all(axis=1)
         common = np.bincount(cluster[members & (cluster >= 0)], minlength=num)
         iou = common / np.maximum(size + members.sum() - common, 1)
         best, value = np.where(iou > value, row, best), np.maximum(iou, value)
@@ -140,13 +133,13 @@ def examples() -> tuple[Float64, Int64]:
                 if seen is None:
                     continue
                 described.append(features(seen.standing, seen.rectangles))
-                classes.append(targets(boxes, *shared(boxes, xyz, cluster, len(seen.rectangles))))
+                classes.append(targets(boxes, *match_boxes(boxes, xyz, cluster, len(seen.rectangles))))
             print(f"{world} {name} {seed}: {sum(map(len, classes))} clusters so far", flush=True)
     x, y = np.concatenate(described), np.concatenate(classes)
     return x[y >= 0], y[y >= 0]
 
 
-def fitted(x: Float64, y: Int64) -> dict[str, object]:
+def fit_model(x: Float64, y: Int64) -> dict[str, object]:
     """Fit the model to features (M, F) and classes (M,), and return what the file holds."""
     columns = [interpolation_weights(column, np.array(KNOTS[name])) for name, column in zip(FEATURES, x.T, strict=True)]
     regression = LogisticRegression(C=INVERSE_PENALTY, max_iter=1000).fit(np.column_stack(columns), y)
@@ -166,7 +159,7 @@ def main() -> None:
     x, y = examples()
     counts = np.bincount(y, minlength=len(LABELS) + 1).tolist()
     print(", ".join(f"{name} {count}" for name, count in zip(("other", *LABELS), counts, strict=True)))
-    out.write_text(json.dumps(fitted(x, y), indent=1) + "\n")
+    out.write_text(json.dumps(fit_model(x, y), indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,4 @@
-"""Folders like those of KITTI's raw drives and of nuScenes: noisy images, and clouds with as many digits as the sets
-have.
-"""
+"""Folders like KITTI's raw drives and nuScenes: noisy images, and clouds with as many digits as the sets have."""
 
 import hashlib
 import json
@@ -47,20 +45,17 @@ def make_kitti(root: Path, num_bytes: float) -> Path:
             (drive / name / "data" / f"{i:010d}.png").write_bytes(images[(i + k) % 4])
         (drive / "velodyne_points" / "data" / f"{i:010d}.bin").write_bytes(sweeps[i % 4])
         (drive / "oxts" / "data" / f"{i:010d}.txt").write_text(oxts)
-    write_kitti_calibration(drive.parent)
-    return root
-
-
-def write_kitti_calibration(date: Path) -> None:
     eye, zero = "1 0 0 0 1 0 0 0 1", "0 0 0"
     lines = [f"R_rect_00: {eye}"]
     for i in range(4):
         lines += [f"S_{i:02d}: 1392 512", f"K_{i:02d}: 960 0 690 0 960 250 0 0 1", f"D_{i:02d}: 0 0 0 0 0"]
         lines += [f"R_{i:02d}: {eye}", f"T_{i:02d}: {zero}", f"S_rect_{i:02d}: 1242 375"]
         lines += [f"R_rect_{i:02d}: {eye}"] * (i > 0) + [f"P_rect_{i:02d}: 720 0 610 0 0 720 170 0 0 0 1 0"]
-    (date / "calib_cam_to_cam.txt").write_text("\n".join(lines) + "\n")
-    (date / "calib_velo_to_cam.txt").write_text(f"R: 0 -1 0 0 0 -1 1 0 0\nT: {zero}\n")
-    (date / "calib_imu_to_velo.txt").write_text(f"R: {eye}\nT: {zero}\n")
+    velo, imu = f"R: 0 -1 0 0 0 -1 1 0 0\nT: {zero}\n", f"R: {eye}\nT: {zero}\n"
+    texts = {"cam_to_cam": "\n".join(lines) + "\n", "velo_to_cam": velo, "imu_to_velo": imu}
+    for name, text in texts.items():
+        (drive.parent / f"calib_{name}.txt").write_text(text)
+    return root
 
 
 def token(*names: object) -> str:
@@ -71,8 +66,12 @@ def make_nuscenes(root: Path, num_bytes: float) -> Path:
     """One scene of keyframes: six cameras, LiDAR, five radars, 40 boxes in each."""
     cameras = [encode_jpeg(noise(900, 1600), 85) for _ in range(4)]
     sweeps = clouds(34_000, 5)
+    for i, sweep in enumerate(sweeps):
+        cloud = np.frombuffer(sweep, "<f4").reshape(-1, 5).copy()
+        cloud[:, 4] = np.arange(len(cloud)) % 32
+        sweeps[i] = cloud.tobytes()
     content = {f"CAM_{i}": ("camera", "jpg", cameras) for i in range(6)}
-    content["LIDAR_TOP"] = ("lidar", "pcd.bin", [with_rings(sweep) for sweep in sweeps])
+    content["LIDAR_TOP"] = ("lidar", "pcd.bin", sweeps)
     content |= {f"RADAR_{i}": ("radar", "pcd", [radar_pcd()]) for i in range(5)}
     num = max(10, int(num_bytes / (6 * len(cameras[0]) + len(sweeps[0]))))
     pose = {"translation": [0.0, 0, 0], "rotation": [1.0, 0, 0, 0]}
@@ -118,20 +117,9 @@ def add_sample(root: Path, tables: dict[str, Rows], content: dict[str, Any], i: 
         )
         tables["ego_pose"].append({"token": row["token"], "timestamp": us, **pose})
     for k in range(40):
-        refs: dict[str, Any] = {
-            "sample_token": own,
-            "instance_token": f"i{k}",
-            "visibility_token": "4",
-            "attribute_tokens": ["moving"],
-        }
+        refs = {"sample_token": own, "instance_token": f"i{k}", "visibility_token": "4", "attribute_tokens": ["moving"]}
         box = {**pose, "size": [2.0, 4.0, 1.5], "num_lidar_pts": 5, "num_radar_pts": 1}
         tables["sample_annotation"].append({**link("box", k), **refs, **box})
-
-
-def with_rings(sweep: bytes) -> bytes:
-    cloud = np.frombuffer(sweep, "<f4").reshape(-1, 5).copy()
-    cloud[:, 4] = np.arange(len(cloud)) % 32
-    return cloud.tobytes()
 
 
 def radar_pcd() -> bytes:
@@ -143,7 +131,7 @@ def radar_pcd() -> bytes:
     )
     floats = RNG.normal(0, 20, (125, 8)).astype("<f4")
     flags = bytes([1, 3, 20, 20, 0, 1, 16, 3])
-    rows = (
-        f[:3].tobytes() + bytes([0]) + i.to_bytes(2, "little") + f[3:].tobytes() + flags for i, f in enumerate(floats)
+    ids = (bytes([0]) + i.to_bytes(2, "little") for i in range(len(floats)))
+    return header.encode() + b"".join(
+        f[:3].tobytes() + own + f[3:].tobytes() + flags for f, own in zip(floats, ids, strict=True)
     )
-    return header.encode() + b"".join(rows)

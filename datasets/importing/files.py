@@ -19,6 +19,12 @@ from fbench.replay.data.rig import Kind, Mount
 from fbench.replay.geometry.transforms import quaternion
 from fbench.replay.logs.containers.limits import crc32
 
+T = TypeVar("T")
+BODY_T_OPTICAL: Float64 = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
+"""(4, 4) from axes right, down, forward, as cameras have them, to those of bodies: forward, left, up."""
+_ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
+_ALL = FrameRange()
+
 
 def format_list(things: Iterable[object], most: int) -> str:
     """Return things with commas between, the first ones of many: `1, 2 and 3 more`."""
@@ -38,19 +44,15 @@ def find_runs(numbers: Iterable[int]) -> list[range]:
     return found
 
 
-def format_runs(found: Iterable[range], most: int) -> str:
+def format_runs(runs: Iterable[range], most: int) -> str:
     """Return runs by their first and last numbers: `3, 177 to 180 and 2 more`."""
-    return format_list((f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in found), most)
+    return format_list((f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs), most)
 
 
 def format_counts(counts: Counter[str]) -> str:
     """Return counts by name, the largest first, equal ones by name: `Car 3, Van 1`."""
     ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     return ", ".join(f"{name} {num}" for name, num in ranked)
-
-
-BODY_T_OPTICAL: Float64 = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
-"""(4, 4) from axes right, down, forward, as cameras have them, to those of bodies: forward, left, up."""
 
 
 def mount_of(kind: Kind, body_T_sensor: Float64) -> Mount:
@@ -71,13 +73,8 @@ def is_pinhole(K: Float64) -> bool:
     return bool(K[0, 0] > 0 and K[1, 1] > 0 and K[2, 2] == 1 and not np.tril(K, -1).any())
 
 
-_ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
-
-
 def read_floats(path: Path, num_columns: int) -> Float32:
-    """Return rows (N, `num_columns`) of a file of little-endian float32. Raises LogError where it can't be read, is
-    empty, or ends within a row.
-    """
+    """Rows (N, `num_columns`) of little-endian float32. Raises LogError for unreadable, empty and truncated files."""
     data = read_bytes(path)
     if not data:
         raise LogError(f"{path}: is empty, is it truncated?")
@@ -131,13 +128,8 @@ def _is_whole_png(data: bytes) -> bool:
     return False
 
 
-_ALL = FrameRange()
-
-
 def entries(folder: Path) -> list[Path]:
-    """Return what is in a folder, sorted by name; nothing where there is no such folder. Raises LogError where it can't
-    be read.
-    """
+    """What is in a folder, by name; nothing where there is none. Raises LogError where it can't be read."""
     try:
         return sorted(folder.iterdir()) if folder.is_dir() else []
     except OSError as error:
@@ -157,13 +149,8 @@ def is_number(text: str, digits: int) -> bool:
     return re.fullmatch(f"[0-9]{{{digits}}}", text) is not None
 
 
-T = TypeVar("T")
-
-
 def read_json(path: Path, model: type[T]) -> T:
-    """Return the content of a JSON file. Raises LogError naming file and field, where it can't be read or isn't as the
-    model says.
-    """
+    """Read JSON. Raises LogError naming file and field, where it can't be read or isn't as the model says."""
     try:
         return TypeAdapter(model).validate_json(read_bytes(path))
     except ValidationError as error:

@@ -53,30 +53,25 @@ class _GuardedRecording:
 
     @property
     def info(self) -> LogInfo:
-        """Name, id and facts."""
         with guard(self._what):
             return self._recording.info
 
     @property
     def rig(self) -> Rig:
-        """Sensors and calibration."""
         with guard(self._what):
             return self._recording.rig
 
     @property
     def num_items(self) -> int:
-        """About how many items there are."""
         with guard(self._what):
             return int(self._recording.num_items)
 
     def items(self) -> Iterator[Imported]:
-        """What the log is to hold."""
         with guard(self._what):
             items: Iterable[Imported] = iter(self._recording.items())
         yield from _steps(self._what, items)
 
     def summary(self) -> Sequence[str]:
-        """What was found."""
         with guard(self._what):
             return [str(line) for line in self._recording.summary()]
 

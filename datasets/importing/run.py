@@ -15,7 +15,7 @@ from typing import Literal, TypeVar
 
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, Imported, ImportWish, OtherResult, check_items
+from fbench.replay.contracts.importing import ImportWish, OtherResult, check_items
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.arrays import own_arrays
 from fbench.replay.data.messages import Truth
@@ -28,13 +28,18 @@ from fbench.replay.logs.convert.sinks import Copied, Decoded, Item, RigAt, encod
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_container
 
+T = TypeVar("T")
+Progress = Callable[[str, int, int], None]
+"""Gets the name of a sequence, how many of its items are done, and about how many there are."""
+NUM_AHEAD = 4  # Items; both sides take about as long, so that more wouldn't hide more
+_SKIPS = "import.skip_bad"  # Metadata of logs that may lack what couldn't be used
+
 
 @contextmanager
 def claim(path: Path, waits: Callable[[], None]) -> Iterator[None]:
-    """Have the log `path` alone while the `with` block runs; `waits` is called where another import has it.
-
-    The system gives a claim back when its process ends, however it does. Raises ConfigError where nothing can be
-    written beside the log.
+    """Have the log `path` alone while the `with` block runs, without what is left half written; `waits` is called where
+    another import has it. The system gives a claim back when its process ends, however it does. Raises ConfigError
+    where nothing can be written beside the log.
     """
     lock = path.with_name(f".{path.name}.importing")
     try:
@@ -42,7 +47,13 @@ def claim(path: Path, waits: Callable[[], None]) -> Iterator[None]:
     except OSError as error:
         raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
     try:
-        _clear_partial(path)
+        for left in sorted(path.parent.glob(f".{glob.escape(path.name)}.partial-*")):
+            if re.fullmatch(r"[0-9]+\.old", left.name.rpartition("-")[2]) and not path.exists():
+                left.rename(path)  # a log that was to be replaced, and wasn't yet
+            elif left.is_dir():
+                shutil.rmtree(left)
+            else:
+                left.unlink(missing_ok=True)
         yield
     finally:
         lock.unlink(missing_ok=True)
@@ -67,23 +78,8 @@ def _lock(lock: Path, waits: Callable[[], None]) -> int:
         os.close(number)
 
 
-def _clear_partial(path: Path) -> None:
-    """Remove what is half written; a log that was to be replaced, and wasn't yet, gets its name back."""
-    for left in sorted(path.parent.glob(f".{glob.escape(path.name)}.partial-*")):
-        if re.fullmatch(r"[0-9]+\.old", left.name.rpartition("-")[2]) and not path.exists():
-            left.rename(path)
-        elif left.is_dir():
-            shutil.rmtree(left)
-        else:
-            left.unlink(missing_ok=True)
-
-
-T = TypeVar("T")
-NUM_AHEAD = 4  # Items; both sides take about as long, so that more wouldn't hide more
-
-
-class _End:
-    """Stands behind the last item."""
+class _End:  # Stands behind the last item
+    pass
 
 
 def read_ahead(items: Iterator[T]) -> Generator[T]:
@@ -101,46 +97,6 @@ def read_ahead(items: Iterator[T]) -> Generator[T]:
                 yield item
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-class LogItems:
-    """Turns what importers give into items of a log."""
-
-    def of(self, imported: Imported) -> Iterator[Item]:
-        """Return the items that hold one message, truth, result or rig. Raises ValueError where a result can't be
-        stored.
-        """
-        match imported:
-            case RigChange():
-                yield RigAt(imported.log_ns, imported.rig)
-            case Truth():
-                for part in _parts(imported):
-                    yield Decoded(BOXES2D if part.is_2d else BOXES3D, imported.log_ns, part)
-            case OtherResult():
-                for part in _parts(imported.boxes):
-                    # A topic without any box would be taken for the results where there are only those in images.
-                    if part.is_2d or part.truth.boxes3d is not None:
-                        yield self._result(part, imported.boxes.log_ns)
-            case _:
-                yield Decoded(message_topic(imported), imported.log_ns, imported)
-
-    def _result(self, part: TruthPart, log_ns: int) -> Copied:
-        encoded = encode_result(part)
-        channel, data = encoded.channel, memoryview(encoded.data)
-        return Copied(channel, Entry(log_ns, channel.topic, 0, 0, 0, 0, encoded.sequence, encoded.publish_ns, data))
-
-
-def _parts(truth: Truth) -> Iterator[TruthPart]:
-    """3D boxes first, also where they are absent, which says that 2D ones follow."""
-    has_2d = truth.boxes2d is not None
-    yield TruthPart(replace(truth, boxes2d=None), is_2d=False, expects_2d=has_2d)
-    if has_2d:
-        yield TruthPart(replace(truth, boxes3d=None), is_2d=True)
-
-
-Progress = Callable[[str, int, int], None]
-"""Gets the name of a sequence, how many of its items are done, and about how many there are."""
-_SKIPS = "import.skip_bad"  # Metadata of logs that may lack what couldn't be used
 
 
 @dataclass(frozen=True)
@@ -176,7 +132,12 @@ def import_recordings(
             if recording.name not in to_come:
                 raise LogError(f"{source}: the importer gives '{recording.name}', which isn't wanted (any more)")
             del to_come[recording.name]
-            log = _try(recording, targets[recording.name], progress, wish.bad)
+            target = targets[recording.name]
+            try:
+                log = write_recording(recording, target, progress, wish.bad.skip)
+            except LogError as error:
+                wish.bad.report(error)
+                log = ImportedLog(recording.name, target.path, "failed")
             yield replace(log, num_skipped=wish.bad.num - num_before)
             num_before = wish.bad.num
     for name in to_come:
@@ -195,12 +156,23 @@ def import_one(importer: Importer, source: Path, out: Path, wish: ImportWish | N
     return next(import_recordings(importer, source, wish, {wish.names[0]: Target(out, overwrite=True)}))
 
 
-def write_recording(recording: Recording, target: Target, progress: Progress) -> ImportedLog:
-    """Write one sequence, or leave the log that an equal one wrote before. Raises ConfigError where the log can't or
-    mustn't be written. Raises LogError naming what can't be used of the sequence.
+def write_recording(recording: Recording, target: Target, progress: Progress, skips: bool = False) -> ImportedLog:
+    """Write one sequence, or leave the log that an equal one wrote before; `skips` says that bad input is left out.
+    Raises ConfigError where the log can't or mustn't be written. Raises LogError naming what can't be used.
     """
-    with claim(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
-        return _write(recording, target, progress, skips=False)
+    name = recording.name
+    with claim(target.path, lambda: progress(f"{name} (waiting for another import)", 0, 0)):
+        info = recording.info
+        if skips:
+            info = replace(info, metadata={**info.metadata, _SKIPS: "yes"})
+        if not target.overwrite and _is_there(target.path, info):
+            return ImportedLog(name, target.path, "there")
+        target.require_free()
+        total = recording.num_items
+        sink = open_sink(target, header_of(info, recording.rig))
+        with closing(_items(recording)) as items:
+            written = write_items(items, sink, target, lambda num: progress(name, num, total), info.log_id)
+        return ImportedLog(name, target.path, "written", written, recording.summary())
 
 
 def _open_recordings(importer: Importer, source: Path, wish: ImportWish) -> Generator[Recording]:
@@ -210,39 +182,14 @@ def _open_recordings(importer: Importer, source: Path, wish: ImportWish) -> Gene
         wish.bad.report(error)
 
 
-def _try(recording: Recording, target: Target, progress: Progress, bad: BadInput) -> ImportedLog:
-    try:
-        with claim(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
-            return _write(recording, target, progress, bad.skip)
-    except LogError as error:
-        bad.report(error)
-        return ImportedLog(recording.name, target.path, "failed")
-
-
-def _write(recording: Recording, target: Target, progress: Progress, skips: bool) -> ImportedLog:
-    name, info = recording.name, recording.info
-    if skips:
-        info = replace(info, metadata={**info.metadata, _SKIPS: "yes"})
-    if not target.overwrite and _is_there(target.path, info):
-        return ImportedLog(name, target.path, "there")
-    target.require_free()
-    total = recording.num_items
-    sink = open_sink(target, header_of(info, recording.rig))
-    with closing(_items(recording)) as items:
-        written = write_items(items, sink, target, lambda num: progress(name, num, total), info.log_id)
-    return ImportedLog(name, target.path, "written", written, recording.summary())
-
-
 def _is_there(path: Path, info: LogInfo) -> bool:
     """Whether an equal import wrote a log. Raises ConfigError where another one did."""
     header = _header(path)
     if header is None:
         return False
     if header.log_id != info.log_id:
-        raise ConfigError(
-            f"{path}: exists already, and is another log (other files, frames or parameters); choose another with "
-            "--out, or --overwrite it"
-        )
+        what = "exists already, and is another log (other files, frames or parameters)"
+        raise ConfigError(f"{path}: {what}; choose another with --out, or --overwrite it")
     if _SKIPS in header.metadata and _SKIPS not in info.metadata:
         raise ConfigError(f"{path}: exists already, imported with --skip-bad; say that again, or --overwrite it")
     return True
@@ -267,10 +214,35 @@ def _header(path: Path) -> LogHeader | None:
 def _items(recording: Recording) -> Generator[Item]:
     rig = recording.rig
     yield RigAt(0, rig)
-    items = LogItems()
     with closing(read_ahead(map(own_arrays, recording.items()))) as ahead:
         for imported in check_items(recording.name, rig, ahead):
-            try:
-                yield from items.of(imported)
-            except ValueError as error:
-                raise LogError(f"{recording.name}: a result can't be stored ({error})") from error
+            match imported:
+                case RigChange():
+                    yield RigAt(imported.log_ns, imported.rig)
+                case Truth():
+                    for part in _parts(imported):
+                        yield Decoded(BOXES2D if part.is_2d else BOXES3D, imported.log_ns, part)
+                case OtherResult():
+                    # A topic without any box would be taken for the results where there are only those in images.
+                    for part in _parts(imported.boxes):
+                        if part.is_2d or part.truth.boxes3d is not None:
+                            yield _encode_result(recording.name, part, imported.boxes.log_ns)
+                case _:
+                    yield Decoded(message_topic(imported), imported.log_ns, imported)
+
+
+def _encode_result(name: str, part: TruthPart, log_ns: int) -> Copied:
+    try:
+        encoded = encode_result(part)
+    except ValueError as error:
+        raise LogError(f"{name}: a result can't be stored ({error})") from error
+    channel, data = encoded.channel, memoryview(encoded.data)
+    return Copied(channel, Entry(log_ns, channel.topic, 0, 0, 0, 0, encoded.sequence, encoded.publish_ns, data))
+
+
+def _parts(truth: Truth) -> Iterator[TruthPart]:
+    """3D boxes first, also where they are absent, which says that 2D ones follow."""
+    has_2d = truth.boxes2d is not None
+    yield TruthPart(replace(truth, boxes2d=None), is_2d=False, expects_2d=has_2d)
+    if has_2d:
+        yield TruthPart(replace(truth, boxes3d=None), is_2d=True)

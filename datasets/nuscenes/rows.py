@@ -20,12 +20,12 @@ _CHUNK = 2**20
 MAX_ROW = 4 * 2**20  # No row is longer, in characters
 _SPACE = re.compile(r"[ \t\n\r]*")
 _DECODER = json.JSONDecoder()
+MAX_US = (2**63 - 1) // 1000
 
 
 def json_rows(path: Path) -> Iterator[dict[str, Any]]:
     """Yield the objects of an array; holds a few of them at a time. Raises LogError where the file can't be read, isn't
-    such an array, or is truncated; naming the row, counted from 0. Raises LimitError where a row is longer than
-    `MAX_ROW`.
+    such an array, or is truncated; naming the row, counted from 0. Raises LimitError for a row longer than `MAX_ROW`.
     """
     require_file(path)
     try:
@@ -76,12 +76,13 @@ class _Window:
                 row, end = _DECODER.raw_decode(self._text, self._behind_space())
             except (ValueError, RecursionError) as error:  # malformed, or not read to its end
                 if len(self._text) - self._at > MAX_ROW:
-                    raise LimitError(
-                        f"{self._path}: row {self._num}: malformed or over {MAX_ROW} characters"
-                    ) from error
+                    why = f"malformed or over {MAX_ROW} characters"
+                    raise LimitError(f"{self._path}: row {self._num}: {why}") from error
                 if self._read():
                     continue
-                raise LogError(f"{self._path}: row {self._num}: {_what(error)}, is the file truncated?") from error
+                deep = isinstance(error, RecursionError)
+                why = "nested too deeply" if deep else f"malformed JSON ({str(error).split(':')[0]})"
+                raise LogError(f"{self._path}: row {self._num}: {why}, is the file truncated?") from error
             if not isinstance(row, dict):
                 raise LogError(f"{self._path}: row {self._num}: expected an object")
             self._at = end
@@ -98,16 +99,8 @@ class _Window:
         return bool(more)
 
 
-def _what(error: Exception) -> str:
-    return "nested too deeply" if isinstance(error, RecursionError) else f"malformed JSON ({str(error).split(':')[0]})"
-
-
-_TOLERANCE = 1e-3
-MAX_US = (2**63 - 1) // 1000
-
-
 def _unit(wxyz: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    if abs(sum(value * value for value in wxyz) - 1) > _TOLERANCE:
+    if abs(sum(value * value for value in wxyz) - 1) > 1e-3:
         raise ValueError("isn't a unit quaternion")
     return wxyz
 
@@ -251,9 +244,7 @@ def parse_rows(model: type[R], path: Path) -> Iterator[R]:
 
 
 def read_by_token(model: type[R], path: Path) -> dict[str, R]:
-    """Return all rows of a small table. Raises LogError for the first one that is wrong, or where two have the same
-    token.
-    """
+    """All rows of a small table. Raises LogError for the first one that is wrong, or has the token of another."""
     rows: dict[str, R] = {}
     for row in parse_rows(model, path):
         if row.token in rows:

@@ -73,8 +73,14 @@ def is_kept(table: Array) -> Bool:
 
 def _read_table(path: Path) -> Array:
     """Return the echoes as a structured array."""
-    data = read_bytes(path)
-    header, begin = _header(path, data)
+    data, begin = read_bytes(path), 0
+    header: dict[str, list[str]] = {}  # Lines by their first word
+    while "DATA" not in header:
+        end = data.find(b"\n", begin, _MAX_HEADER)
+        if end < 0:
+            raise LogError(f"{path}: not a PCD file, or its header is truncated")
+        name, *values = data[begin:end].decode("ascii", "replace").split() or ["#"]
+        header[name], begin = values, end + 1
     try:
         names, counts = header["FIELDS"], header.get("COUNT", [])
         if any(count != "1" for count in counts):
@@ -85,7 +91,11 @@ def _read_table(path: Path) -> Array:
         if not (0 <= num <= _MAX_ECHOES and [num] == [int(text) for text in header.get("POINTS", [str(num)])]):
             raise ValueError(f"WIDTH x HEIGHT is {num}, POINTS {' '.join(header.get('POINTS', []))}")
     except (KeyError, IndexError, ValueError) as error:
-        raise LogError(f"{path}: PCD header: {_describe(error)}") from error
+        why = str(error)
+        if isinstance(error, KeyError):
+            key = error.args[0]
+            why = f"no line {error}" if isinstance(key, str) else f"unknown TYPE and SIZE {' '.join(key)}"
+        raise LogError(f"{path}: PCD header: {why}") from error
     if header["DATA"] != ["binary"]:
         raise LogError(f"{path}: DATA {' '.join(header['DATA'])}, expected binary")
     if len(data) - begin < num * dtype.itemsize:
@@ -94,65 +104,34 @@ def _read_table(path: Path) -> Array:
     return np.frombuffer(data, dtype, num, begin)
 
 
-def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:
-    """Return the header's lines by their first word, and where the echoes begin."""
-    lines: dict[str, list[str]] = {}
-    at = 0
-    while "DATA" not in lines:
-        end = data.find(b"\n", at, _MAX_HEADER)
-        if end < 0:
-            raise LogError(f"{path}: not a PCD file, or its header is truncated")
-        name, *values = data[at:end].decode("ascii", "replace").split() or ["#"]
-        lines[name] = values
-        at = end + 1
-    return lines, at
-
-
-def _describe(error: Exception) -> str:
-    missing = "no line " if isinstance(error, KeyError) and isinstance(error.args[0], str) else ""
-    if isinstance(error, KeyError) and not missing:
-        return f"unknown TYPE and SIZE {' '.join(error.args[0])}"
-    return f"{missing}{error}"
-
-
 def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
     """Return the sensors that measured something; body coordinates are those of the ego vehicle. Raises LogError where
     a sensor's calibration or the size of its images changes within the scene, or a camera has no proper intrinsics.
     """
-    firsts: dict[str, DataRow] = {}
+
+    def setting(row: DataRow) -> tuple[object, ...]:  # What mustn't change; equal calibrations may have several rows
+        own = tables.calibrations[row.calibration]
+        size = (row.width, row.height) if own.camera_intrinsic else (0, 0)
+        return own.translation, own.rotation, own.camera_intrinsic, size
+
+    path, firsts = tables.folder.table("sample_data"), dict[str, DataRow]()
     for row in rows:
         first = firsts.setdefault(row.channel, row)
-        if _setting(row, tables) != _setting(first, tables):
-            path = tables.folder.table("sample_data")
-            raise LogError(
-                f"{path}: {scene}: calibration or size of {row.channel} changes between '{first.token}' and "
-                f"'{row.token}'; import the parts one by one with --frames"
-            )
+        if setting(row) != setting(first):
+            what = f"calibration or size of {row.channel} changes between '{first.token}' and '{row.token}'"
+            raise LogError(f"{path}: {scene}: {what}; import the parts one by one with --frames")
     mounts, cameras = {}, {}
     for name, row in sorted(firsts.items()):
-        calibration = tables.calibration(row.calibration)
+        calibration, kind = tables.calibrations[row.calibration], tables.sensor(row.calibration).modality
         w, x, y, z = calibration.rotation
-        kind = tables.sensor(calibration).modality
         mounts[name] = Mount(kind, np.array(calibration.translation), np.array([x, y, z, w]))
         if kind == "camera":
-            cameras[name] = _camera(row, tables)
+            K = np.array(calibration.camera_intrinsic)
+            if K.shape != (3, 3) or not is_pinhole(K):
+                why = f"row with token '{row.calibration}': camera_intrinsic isn't that of {row.channel}"
+                raise LogError(f"{tables.folder.table('calibrated_sensor')}: {why}")
+            if not (row.width and row.height):
+                why = f"row with token '{row.token}': an image of {row.channel} without width and height"
+                raise LogError(f"{path}: {why}")
+            cameras[name] = CameraModel(K, (row.width, row.height))
     return Rig(mounts, cameras)
-
-
-def _setting(row: DataRow, tables: Tables) -> tuple[object, ...]:
-    """What mustn't change; equal calibrations may have several rows."""
-    calibration = tables.calibration(row.calibration)
-    intrinsic = tuple(calibration.camera_intrinsic)
-    size = (row.width, row.height) if intrinsic else (0, 0)
-    return calibration.translation, calibration.rotation, intrinsic, size
-
-
-def _camera(row: DataRow, tables: Tables) -> CameraModel:
-    K = np.array(tables.calibration(row.calibration).camera_intrinsic)
-    if K.shape != (3, 3) or not is_pinhole(K):
-        path = tables.folder.table("calibrated_sensor")
-        raise LogError(f"{path}: row with token '{row.calibration}': camera_intrinsic isn't that of {row.channel}")
-    if not (row.width and row.height):
-        path = tables.folder.table("sample_data")
-        raise LogError(f"{path}: row with token '{row.token}': an image of {row.channel} without width and height")
-    return CameraModel(K, (row.width, row.height))

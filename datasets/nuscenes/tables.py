@@ -1,27 +1,21 @@
 """Tables of nuScenes: their folder, small ones in memory, rows of large ones in a temporary database."""
 
 import sqlite3
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple, TypeVar
 
-from fbench.datasets.nuscenes.rows import (
-    CalibratedSensor,
-    Instance,
-    Log,
-    Named,
-    Sample,
-    Scene,
-    Sensor,
-    Visibility,
-    parse_rows,
-    read_by_token,
-)
+from fbench.datasets.nuscenes import rows
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.importing import require_folder
+
+T = TypeVar("T")
+TABLES = (
+    "scene", "sample", "sample_data", "ego_pose", "calibrated_sensor", "sensor", "sample_annotation", "instance",
+    "category", "attribute", "visibility", "log",
+)  # fmt: skip
+"""Those that an import reads."""
 
 
 class PoseRow(NamedTuple):
@@ -79,17 +73,13 @@ class AnnotationRow(NamedTuple):
     next: str
 
 
-_ROWS: dict[str, type[PoseRow | DataRow | AnnotationRow]] = {
-    "data": DataRow,
-    "pose": PoseRow,
-    "annotation": AnnotationRow,
-}
+_Row = PoseRow | DataRow | AnnotationRow
+_ROWS: dict[str, type[_Row]] = {"data": DataRow, "pose": PoseRow, "annotation": AnnotationRow}
 _INDICES = {
-    "data": "CREATE INDEX data_scene ON data(scene)",
-    "pose": "CREATE UNIQUE INDEX pose_token ON pose(token)",
-    "annotation": "CREATE INDEX annotation_scene ON annotation(scene)",
+    "data": "INDEX data_scene ON data(scene)",
+    "annotation": "INDEX annotation_scene ON annotation(scene)",
+    "pose": "UNIQUE INDEX pose_token ON pose(token)",
 }
-_BATCH = 10_000
 
 
 class Database:
@@ -114,21 +104,17 @@ class Database:
         try:
             rest = iter(rows)
             insert = f"INSERT INTO {table} VALUES ({','.join('?' * len(_ROWS[table]._fields))})"  # noqa: S608
-            while batch := list(islice(rest, _BATCH)):
+            while batch := list(islice(rest, 10_000)):
                 self._sqlite.execute("BEGIN")
                 self._sqlite.executemany(insert, batch)
                 self._sqlite.execute("COMMIT")
-            self._sqlite.execute(_INDICES[table])
+            self._sqlite.execute(f"CREATE {_INDICES[table]}")
         except sqlite3.IntegrityError as error:
             query = "SELECT token FROM pose GROUP BY token HAVING count(*) > 1 ORDER BY token LIMIT 1"
             token = self._sqlite.execute(query).fetchone()[0]
             raise LogError(f"{path}: two rows have the token '{token}'") from error
         except sqlite3.Error as error:
             raise LogError(f"the temporary file for the tables can't be written ({error}); see TMPDIR") from error
-
-    def count(self, scene: int) -> int:
-        """Number of rows of `sample_data`."""
-        return int(self._sqlite.execute("SELECT count(*) FROM data WHERE scene = ?", (scene,)).fetchone()[0])
 
     def data(self, scene: int) -> Iterator[tuple[DataRow, PoseRow | None]]:
         """Yield what sensors measured, with the pose, in the order of stamps, then names."""
@@ -146,15 +132,7 @@ class Database:
         return (AnnotationRow._make(row) for row in self._sqlite.execute(query, (scene,)))
 
 
-TABLES = (
-    "scene", "sample", "sample_data", "ego_pose", "calibrated_sensor", "sensor", "sample_annotation", "instance",
-    "category", "attribute", "visibility", "log",
-)  # fmt: skip
-"""Those that an import reads."""
-
-
-@dataclass(frozen=True)
-class Folder:
+class Folder(NamedTuple):
     """One version of the set."""
 
     root: Path  # Names of files in the tables are relative to it
@@ -196,134 +174,36 @@ def open_folder(source: Path, version: str) -> Folder:
     return folder
 
 
-T = TypeVar("T")
+class Table(dict[str, T]):
+    """Rows by token; looking up one that isn't there raises LogError, naming the table."""
+
+    def __init__(self, path: Path, content: Mapping[str, T]) -> None:
+        super().__init__(content)
+        self._path = path
+
+    def __missing__(self, token: str) -> T:
+        raise LogError(f"{self._path}: no row with token '{token}', which another table names")
 
 
-@dataclass(frozen=True)
 class Tables:
-    """Rows by token; looking up one that isn't there raises `LogError`, naming its table."""
+    """The small tables. Raises LogError where one is wrong."""
 
-    folder: Folder
-    sensors: Mapping[str, Sensor]
-    calibrations: Mapping[str, CalibratedSensor]
-    categories: Mapping[str, str]  # Names of categories by token
-    instances: Mapping[str, str]  # Tokens of categories by those of instances
-    attributes: Mapping[str, str]  # Names by token
-    visibilities: Mapping[str, str]  # Levels by token
+    def __init__(self, folder: Folder) -> None:
+        self.folder = folder
 
-    def calibration(self, token: str) -> CalibratedSensor:
-        """Return where a sensor sits."""
-        return self._find(self.calibrations, token, "calibrated_sensor")
+        def read(table: str, model: type[rows.R]) -> Table[rows.R]:
+            return Table(folder.table(table), rows.read_by_token(model, folder.table(table)))
 
-    def sensor(self, calibration: CalibratedSensor) -> Sensor:
-        """Return the sensor that a calibration is of."""
-        return self._find(self.sensors, calibration.sensor_token, "sensor")
+        self.sensors = read("sensor", rows.Sensor)
+        self.calibrations = read("calibrated_sensor", rows.CalibratedSensor)
+        self.categories = read("category", rows.Named)
+        path = folder.table("instance")
+        instances = {row.token: row.category_token for row in rows.parse_rows(rows.Instance, path)}
+        self.instances = Table(path, instances)
+        """Tokens of categories."""
+        self.attributes = read("attribute", rows.Named)
+        self.visibilities = read("visibility", rows.Visibility)
 
-    def category(self, instance: str) -> str:
-        """Return the name of an object's category."""
-        return self._find(self.categories, self._find(self.instances, instance, "instance"), "category")
-
-    def attribute(self, token: str) -> str:
-        """Return its name."""
-        return self._find(self.attributes, token, "attribute")
-
-    def visibility(self, token: str) -> str:
-        """Return its level."""
-        return self._find(self.visibilities, token, "visibility")
-
-    def _find(self, rows: Mapping[str, T], token: str, table: str) -> T:
-        row = rows.get(token)
-        if row is None:
-            raise LogError(f"{self.folder.table(table)}: no row with token '{token}', which another table names")
-        return row
-
-
-def read_tables(folder: Folder) -> Tables:
-    """Read them. Raises LogError where one is wrong."""
-    return Tables(
-        folder,
-        read_by_token(Sensor, folder.table("sensor")),
-        read_by_token(CalibratedSensor, folder.table("calibrated_sensor")),
-        {token: row.name for token, row in read_by_token(Named, folder.table("category")).items()},
-        {row.token: row.category_token for row in parse_rows(Instance, folder.table("instance"))},
-        {token: row.name for token, row in read_by_token(Named, folder.table("attribute")).items()},
-        {token: row.level for token, row in read_by_token(Visibility, folder.table("visibility")).items()},
-    )
-
-
-class Instant(NamedTuple):
-    """One sample of a scene."""
-
-    token: str
-    stamp_us: int
-
-
-class _Link(NamedTuple):
-    scene: str
-    stamp_us: int
-    prev: str
-    next: str
-
-
-def read_scenes(folder: Folder) -> Mapping[str, Scene]:
-    """Return the scenes by name, sorted. Raises LogError where the table is wrong, is empty, or two scenes have one
-    name.
-    """
-    path = folder.table("scene")
-    scenes: dict[str, Scene] = {}
-    for scene in read_by_token(Scene, path).values():
-        if scene.name in scenes:
-            raise LogError(f"{path}: two scenes are called '{scene.name}', only one of them may be there")
-        scenes[scene.name] = scene
-    if not scenes:
-        raise LogError(f"{path}: no scenes")
-    return dict(sorted(scenes.items()))
-
-
-@dataclass(frozen=True)
-class Samples:
-    """All samples of all scenes, and the drives that scenes come from."""
-
-    path: Path
-    links: Mapping[str, _Link]  # By token
-    nums: Mapping[str, int]  # How many samples name a scene, by its token
-    logs: Mapping[str, Log]
-
-    def chain(self, scene: Scene) -> tuple[Instant, ...]:
-        """Return the samples of a scene in the order of time. Raises LogError where the chain leaves the scene, loops,
-        runs back in time, or isn't as the scene says.
-        """
-        found: list[Instant] = []
-        token, prev = scene.first_sample_token, ""
-        while token:
-            link = self._link(scene, token, prev)
-            if found and link.stamp_us <= found[-1].stamp_us:
-                raise LogError(f"{self.path}: sample '{token}' isn't later than '{prev}', of which it is next")
-            found.append(Instant(token, link.stamp_us))
-            token, prev = link.next, token
-        if prev != scene.last_sample_token or not len(found) == scene.nbr_samples == self.nums[scene.token]:
-            there = f"links {len(found)} of its {self.nums[scene.token]} samples and ends with '{prev}'"
-            expected = f"expected {scene.nbr_samples} that end with '{scene.last_sample_token}'"
-            raise LogError(f"{self.path}: {scene.name} {there}, {expected}")
-        return tuple(found)
-
-    def _link(self, scene: Scene, token: str, prev: str) -> _Link:
-        link = self.links.get(token)
-        if link is None:
-            raise LogError(f"{self.path}: no sample '{token}', which {scene.name} has")
-        if link.scene != scene.token:
-            raise LogError(f"{self.path}: sample '{token}' is of another scene than {scene.name}, which links it")
-        if link.prev != prev:
-            raise LogError(f"{self.path}: sample '{token}' follows '{link.prev}', but is next of '{prev}'")
-        return link
-
-
-def read_samples(folder: Folder) -> Samples:
-    """Read `sample` and `log`. Raises LogError where a table is wrong."""
-    path = folder.table("sample")
-    links: dict[str, _Link] = {}
-    for row in parse_rows(Sample, path):
-        if row.token in links:
-            raise LogError(f"{path}: two rows have the token '{row.token}'")
-        links[row.token] = _Link(row.scene_token, row.timestamp, row.prev, row.next)
-    return Samples(path, links, Counter(link.scene for link in links.values()), read_by_token(Log, folder.table("log")))
+    def sensor(self, calibration: str) -> rows.Sensor:
+        """The sensor that a calibration is of, by the latter's token."""
+        return self.sensors[self.calibrations[calibration].sensor_token]

@@ -5,13 +5,12 @@ Rules: https://github.com/nutonomy/nuscenes-devkit, `NuScenes.box_velocity`, and
 
 import re
 from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.nuscenes.tables import AnnotationRow, Instant, Tables
+from fbench.datasets.nuscenes.opened import Instant
+from fbench.datasets.nuscenes.tables import AnnotationRow, Tables
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput
 from fbench.replay.data.arrays import Float64, text_array
@@ -52,16 +51,6 @@ IGNORED = frozenset({"static_object.bicycle_rack"})
 """Neither hit nor miss: the bicycles in a rack aren't labeled (the set's instructions for annotators)."""
 MAX_STEP_US = 1_500_000
 """Positions farther apart in time give no velocity; twice this from the one before to the one after."""
-_NAN = (np.nan, np.nan, np.nan)
-
-
-class _Facts(NamedTuple):
-    """What other rows say about a box."""
-
-    velocity_mps: tuple[float, float, float]  # In the world
-    category: str
-    attributes: str
-    visibility: float
 
 
 class SceneTruth:
@@ -70,6 +59,7 @@ class SceneTruth:
     def __init__(self, rows: Iterable[AnnotationRow], chain: Sequence[Instant], tables: Tables, bad: BadInput) -> None:
         """Begin with all boxes of a scene, in the order of samples; those that can't be used go to `bad`."""
         self._chain, self._tables, self._bad = chain, tables, bad
+        self._path = tables.folder.table("sample_annotation")
         self._by_token: dict[str, AnnotationRow] = {}
         self._by_sample: dict[int, list[AnnotationRow]] = {}
         self._tracks: dict[str, int] = {}
@@ -88,48 +78,41 @@ class SceneTruth:
         of the set's bin, 0.2, 0.5, 0.7 or 0.9, NaN where there is none. `velocity_mps` is over ground, NaN where the
         set gives none. Several attributes are separated by commas.
         """
-        rows, facts = [], []
+        found, tables = [], self._tables
         for row in self._by_sample.get(sample, []):
             try:
-                attributes = ",".join(self._tables.attribute(token) for token in row.attributes.split())
-                category = self._tables.category(row.instance)
-                facts.append(_Facts(self._velocity(row), category, attributes, self._visibility(row)))
-                rows.append(row)
+                attributes = ",".join(tables.attributes[token].name for token in row.attributes.split())
+                category = tables.categories[tables.instances[row.instance]].name
+                found.append((row, category, attributes, self._velocity(row), self._visibility(row)))
             except LogError as error:
                 self._bad.report(error)
-        return move_boxes(self._in_world(rows, facts), inverse(world_T_body))
-
-    @property
-    def _path(self) -> Path:
-        return self._tables.folder.table("sample_annotation")
-
-    def _in_world(self, rows: Sequence[AnnotationRow], facts: Sequence[_Facts]) -> Boxes3D:
+        rows, categories = [own[0] for own in found], [own[1] for own in found]
         angles = np.zeros((0, 3))
         if rows:
             turns = Rotation.from_quat(np.array([(r.qx, r.qy, r.qz, r.qw) for r in rows]))
             angles = np.asarray(turns.as_euler("ZYX", suppress_warnings=True), np.float64)
-        categories = [own.category for own in facts]
-        return Boxes3D(
+        in_world = Boxes3D(
             center_m=np.array([(r.x, r.y, r.z) for r in rows]).reshape(-1, 3),
             size_lwh_m=np.array([(r.length, r.width, r.height) for r in rows]).reshape(-1, 3),
             yaw_rad=angles[:, 0],
             pitch_rad=angles[:, 1],
             roll_rad=angles[:, 2],
-            velocity_mps=np.array([own.velocity_mps for own in facts]).reshape(-1, 3),
+            velocity_mps=np.array([own[3] for own in found]).reshape(-1, 3),
             label=text_array([LABELS.get(name) or fbench_label(name) for name in categories]),
             track_id=np.array([self._tracks[row.instance] for row in rows], np.int64),
-            visibility=np.array([own.visibility for own in facts]),
-            attribute=text_array([own.attributes for own in facts]),
+            visibility=np.array([own[4] for own in found]),
+            attribute=text_array([own[2] for own in found]),
             num_lidar_pts=np.array([row.num_lidar_pts for row in rows], np.int64),
             num_radar_pts=np.array([row.num_radar_pts for row in rows], np.int64),
             ignore=np.array([name in IGNORED for name in categories], bool),
             source_label=text_array(categories),
         )
+        return move_boxes(in_world, inverse(world_T_body))
 
     def _visibility(self, row: AnnotationRow) -> float:
         if not row.visibility:
             return np.nan
-        level = self._tables.visibility(row.visibility)
+        level = self._tables.visibilities[row.visibility].level
         found = re.fullmatch(r"v([0-9]{1,3})-([0-9]{1,3})", level)
         if found is None or int(found[2]) > 100:
             raise LogError(f"{self._tables.folder.table('visibility')}: level '{level[:40]}' isn't such as v40-60")
@@ -142,7 +125,7 @@ class SceneTruth:
         step_us = self._chain[last.sample].stamp_us - self._chain[first.sample].stamp_us
         num_steps = (before is not None) + (after is not None)
         if num_steps == 0 or step_us > num_steps * MAX_STEP_US:
-            return _NAN
+            return np.nan, np.nan, np.nan
         seconds = step_us / 1e6
         return (last.x - first.x) / seconds, (last.y - first.y) / seconds, (last.z - first.z) / seconds
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
 from fbench.datasets.importing.files import BODY_T_OPTICAL, first_wrong, is_rotation, mount_of
-from fbench.datasets.radiate.radar import SENSOR as RADAR
+from fbench.datasets.radiate.radar import RADAR
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.rig import CameraModel, Kind, Rig
@@ -17,10 +17,8 @@ from fbench.replay.geometry.transforms import inverse
 
 FILE_NAME = "default-calib.yaml"
 LIDAR, LEFT, RIGHT = "velo_lidar", "zed_left", "zed_right"
-_MM = 1e-3
 _OPTICAL_R_SENSOR: Float64 = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float64)
 """(3, 3) from the LiDAR's axes, right, forward, up, to right, down, forward."""
-
 _Number = Annotated[float, Field(gt=-1e6, lt=1e6)]
 _Three = tuple[_Number, _Number, _Number]
 _Pixels = Annotated[int, Field(gt=0, le=100_000)]
@@ -91,21 +89,19 @@ def rig_of(calibration: Calibration, sensors: tuple[str, ...], right_camera: Lit
     """
     lidar = calibration.lidar_calib
     body_T_lidar = BODY_T_OPTICAL @ _optical_T_sensor(lidar, calibration.radar_calib)
-    body_T = {RADAR: np.eye(4), LIDAR: body_T_lidar}
+    body_T, cameras = {RADAR: np.eye(4), LIDAR: body_T_lidar}, {}
     for name, camera in ((LEFT, calibration.left_cam_calib), (RIGHT, calibration.right_cam_calib)):
         body_T[name] = body_T_lidar @ inverse(_optical_T_sensor(lidar, camera))
-    if right_camera == "stereo" and calibration.stereo_calib is not None:
-        stereo, right_T_left = calibration.stereo_calib, np.eye(4)
-        # The nearest rotation: the file gives a matrix of rounded numbers.
-        right_T_left[:3, :3] = Rotation.from_matrix(np.array(stereo.R)).as_matrix()
-        right_T_left[:3, 3] = np.array([stereo.TX, stereo.TY, stereo.TZ]) * _MM
-        body_T[RIGHT] = body_T[LEFT] @ inverse(right_T_left)
-    cameras = {}
-    for name, camera in ((LEFT, calibration.left_cam_calib), (RIGHT, calibration.right_cam_calib)):
         if name in sensors:
             K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
             lens = np.array([camera.k1, camera.k2, camera.p1, camera.p2, camera.k3])
             cameras[name] = CameraModel(K, camera.res, "plumb_bob", lens)
+    if right_camera == "stereo" and calibration.stereo_calib is not None:
+        stereo, right_T_left = calibration.stereo_calib, np.eye(4)
+        # The nearest rotation: the file gives a matrix of rounded numbers.
+        right_T_left[:3, :3] = Rotation.from_matrix(np.array(stereo.R)).as_matrix()
+        right_T_left[:3, 3] = np.array([stereo.TX, stereo.TY, stereo.TZ]) * 1e-3  # mm
+        body_T[RIGHT] = body_T[LEFT] @ inverse(right_T_left)
     kinds: dict[str, Kind] = {RADAR: "radar", LIDAR: "lidar"}
     return Rig({name: mount_of(kinds.get(name, "camera"), body_T[name]) for name in sensors}, cameras)
 

@@ -35,8 +35,7 @@ from fbench.datasets.radiate.files import (
     sequences,
 )
 from fbench.datasets.radiate.labels import Annotations, Findings, inside_bev, read_annotations
-from fbench.datasets.radiate.radar import DEFAULTS, RadiateParams, read_polar, scan_of
-from fbench.datasets.radiate.radar import SENSOR as RADAR
+from fbench.datasets.radiate.radar import DEFAULTS, RADAR, RadiateParams, read_polar, scan_of
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import ImportWish, describe_params, file_facts, log_id, read_bytes, read_text
 from fbench.replay.data.arrays import Float64
@@ -46,6 +45,11 @@ from fbench.replay.formats.text import parse_number
 
 COLUMNS = ("x", "y", "z", "intensity", "ring")
 _BLOCK = 2**18  # Bytes that one thread parses; small enough for several threads to have some of a sweep
+_COUNTS = (3, 3, 3, 3, 4, *[3] * 13)
+_PLACE, _QUATERNION, _VELOCITY = 0, 4, 16
+_EARTH_M = 6_378_137.0
+_FLATTENING = 1 / 298.257223563  # WGS 84 (NIMA TR8350.2, table 3.1)
+_META_KEYS = {"name": "sequence", "type": "weather", "set": "set", "version": "version"}
 
 
 def read_sweep(path: Path, stamp_ns: int) -> PointCloud:
@@ -74,13 +78,6 @@ def read_sweep(path: Path, stamp_ns: int) -> PointCloud:
     return PointCloud(LIDAR, stamp_ns, stamp_ns, np.stack(columns[:3], axis=1), columns[3], columns[4])
 
 
-_COUNTS = (3, 3, 3, 3, 4, *[3] * 13)
-_PLACE, _QUATERNION, _VELOCITY = 0, 4, 16
-_EARTH_M = 6_378_137.0
-_FLATTENING = 1 / 298.257223563  # WGS 84 (NIMA TR8350.2, table 3.1)
-_UNIT = 1e-2
-
-
 @dataclass(frozen=True, eq=False)
 class Fix:
     """What a file tells."""
@@ -101,10 +98,9 @@ def read_fix(path: Path) -> Fix:
     if not (abs(lat) < 90 and abs(lon) <= 180 and abs(alt) < _EARTH_M):
         raise LogError(f"{path}: line 1: latitude {lat:g}, longitude {lon:g}, altitude {alt:g} is no place on Earth")
     xyzw = _numbers(path, lines, _QUATERNION)
-    if abs(sum(q * q for q in xyzw) - 1) > _UNIT:
-        raise LogError(
-            f"{path}: line {_QUATERNION + 1}: expected a unit quaternion, got {lines[_QUATERNION].strip()[:80]}"
-        )
+    if abs(sum(q * q for q in xyzw) - 1) > 1e-2:
+        text = lines[_QUATERNION].strip()[:80]
+        raise LogError(f"{path}: line {_QUATERNION + 1}: expected a unit quaternion, got {text}")
     north, east, _ = _numbers(path, lines, _VELOCITY)
     return Fix(lat, lon, alt, np.array(xyzw), (north, east))
 
@@ -132,21 +128,15 @@ class Poses:
 
     def pose(self, fix: Fix, stamp_ns: int) -> Pose | None:
         """Return the pose at a fix; `None` where it isn't known yet where the body points to."""
-        rotation = self._rotation(fix)
-        if rotation is None:
-            return None
+        rotation, (north, east) = fix.quaternion_xyzw, fix.north_east_mps
+        if self._params.heading == "course":
+            if math.hypot(north, east) >= self._params.min_speed_mps:
+                self._yaw_rad = math.atan2(north, east)
+            if self._yaw_rad is None:
+                return None
+            rotation = np.asarray(Rotation.from_euler("z", self._yaw_rad).as_quat(canonical=True), np.float64)
         self._origin = self._origin or fix
         return Pose(GPS, stamp_ns, stamp_ns, east_north_up_m(fix, self._origin), rotation)
-
-    def _rotation(self, fix: Fix) -> Float64 | None:
-        if self._params.heading == "imu":
-            return fix.quaternion_xyzw
-        north, east = fix.north_east_mps
-        if math.hypot(north, east) >= self._params.min_speed_mps:
-            self._yaw_rad = math.atan2(north, east)
-        if self._yaw_rad is None:
-            return None
-        return np.asarray(Rotation.from_euler("z", self._yaw_rad).as_quat(canonical=True), np.float64)
 
 
 def east_north_up_m(fix: Fix, origin: Fix) -> Float64:
@@ -165,13 +155,8 @@ def _earth_fixed_m(fix: Fix) -> Float64:
     lat, lon = math.radians(fix.lat_deg), math.radians(fix.lon_deg)
     squared = _FLATTENING * (2 - _FLATTENING)
     normal = _EARTH_M / math.sqrt(1 - squared * math.sin(lat) ** 2)
-    across = (normal + fix.alt_m) * math.cos(lat)
-    return np.array(
-        [across * math.cos(lon), across * math.sin(lon), (normal * (1 - squared) + fix.alt_m) * math.sin(lat)]
-    )
-
-
-_META_KEYS = {"name": "sequence", "type": "weather", "set": "set", "version": "version"}
+    across, z = (normal + fix.alt_m) * math.cos(lat), (normal * (1 - squared) + fix.alt_m) * math.sin(lat)
+    return np.array([across * math.cos(lon), across * math.sin(lon), z])
 
 
 class Radiate:
@@ -250,14 +235,10 @@ class RadiateRecording:
             "truth.height": "assumed: that of the class; labels are from above",
             **describe_params(self._params),
         }
-        return LogInfo(self.name, log_id("radiate", self._facts(), self._wish.frames, self._params), metadata)
-
-    def _facts(self) -> Iterator[str]:
-        yield self._calibration.model_dump_json()
-        for due in self._dues:
-            yield f"{due.sensor} {due.number} {due.stamp_ns}"
+        stamps = (f"{due.sensor} {due.number} {due.stamp_ns}" for due in self._dues)
         paths = [self._root / ANNOTATIONS, self._root / META, *(self._files.path(due) for due in self._dues)]
-        yield from file_facts(self._root, paths)
+        facts = [self._calibration.model_dump_json(), *stamps, *file_facts(self._root, paths)]
+        return LogInfo(self.name, log_id("radiate", facts, self._wish.frames, self._params), metadata)
 
     @property
     def num_items(self) -> int:
@@ -270,7 +251,8 @@ class RadiateRecording:
         for due in self._dues:
             message = self._message(due, poses)
             if message is not None:
-                self._findings.add(message)
+                self._findings.messages[message.sensor] += 1
+                self._findings.radar_points += len(message.xyz) if isinstance(message, RadarScan) else 0
                 yield message
             if due.sensor == RADAR:
                 yield from self._truth(due, message if isinstance(message, RadarScan) else None)
@@ -306,9 +288,7 @@ class RadiateRecording:
 
 
 def _meta(path: Path) -> dict[str, str]:
-    """What a sequence says about itself; nothing where it doesn't. Raises LogError where the file isn't an object of
-    JSON.
-    """
+    """What a sequence says about itself; may be nothing. Raises LogError where the file isn't an object of JSON."""
     if not path.exists():
         return {}
     try:

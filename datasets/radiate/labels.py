@@ -15,14 +15,12 @@ import numpy as np
 from pydantic import BaseModel, Field, StringConstraints
 
 from fbench.datasets.importing.files import find_runs, format_counts, format_list, format_runs, read_json
-from fbench.datasets.radiate.files import CARTESIAN, FOLDERS, GPS, POLAR, Due, SequenceFiles
-from fbench.datasets.radiate.radar import RANGE_STEP_M, RadiateParams
-from fbench.datasets.radiate.radar import SENSOR as RADAR
+from fbench.datasets.radiate.files import CARTESIAN, FOLDERS, GPS, POLAR, Due, SequenceFiles, Stream
+from fbench.datasets.radiate.radar import RADAR, RANGE_STEP_M, RadiateParams
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput
 from fbench.replay.data.arrays import Array, Bool, text_array
 from fbench.replay.data.boxes import VEHICLES, Boxes3D
-from fbench.replay.data.messages import Message, RadarScan
 from fbench.replay.geometry.transforms import wrap_angle
 
 CENTER_PX = 576  # Where the radar is in a Cartesian image, which has 1152 x 1152 px of one range step each; ahead is up
@@ -39,7 +37,8 @@ HEIGHTS_M: Mapping[str, float] = {
 }  # fmt: skip
 """Heights [m] with which the SDK draws boxes into camera images; labels have none."""
 OTHER_HEIGHT_M = 1.5
-
+_LISTED = 5
+_LATE_S = 0.5  # Sensors that start or end so much later or earlier than the radar are reported
 _Px = Annotated[float, Field(gt=-1e5, lt=1e5)]
 _SizePx = Annotated[float, Field(gt=0, lt=1e5)]
 _Nothing = Annotated[list[int], Field(max_length=0)]
@@ -74,12 +73,27 @@ class Annotations:
     def boxes(self, number: int, radar_height_m: float) -> Boxes3D | None:
         """Return what was there in a radar frame (the first is 1), in body coordinates; `None` where it isn't labeled.
 
-        Boxes stand on the road, `radar_height_m` below the radar; their heights are those of their classes.
+        Boxes stand on the road, `radar_height_m` below the radar; their heights are those of their classes. Length is
+        along the box's height in the image: boxes of oncoming vehicles are turned by 180 degrees, which tells that the
+        turn is that of the heading. It is counter-clockwise (SDK, `gen_boundingbox_rot`).
         """
         if not 1 <= number <= self.num_slots:
             return None
         slots = ((o, o.bboxes[number - 1]) for o in self.objects if number <= len(o.bboxes))
-        return _boxes([(o, box) for o, box in slots if isinstance(box, Box)], radar_height_m)
+        found = [(o, box) for o, box in slots if isinstance(box, Box)]
+        left, top, width, height = np.array([box.position for _, box in found], np.float64).reshape(-1, 4).T
+        tall_m = np.array([HEIGHTS_M.get(o.class_name, OTHER_HEIGHT_M) for o, _ in found], np.float64)
+        forward_m = (CENTER_PX - (top + height / 2)) * RANGE_STEP_M
+        left_m = (CENTER_PX - (left + width / 2)) * RANGE_STEP_M
+        return Boxes3D(
+            center_m=np.stack([forward_m, left_m, tall_m / 2 - radar_height_m], axis=1),
+            size_lwh_m=np.stack([height * RANGE_STEP_M, width * RANGE_STEP_M, tall_m], axis=1),
+            yaw_rad=wrap_angle(np.radians(np.array([box.rotation for _, box in found], np.float64))),
+            label=text_array([LABELS.get(o.class_name, "other") for o, _ in found]),
+            track_id=np.array([o.id for o, _ in found], np.int64),
+            ignore=np.array([o.class_name == GROUP for o, _ in found], np.bool_),
+            source_label=text_array([o.class_name for o, _ in found]),
+        )
 
 
 def read_annotations(path: Path, bad: BadInput) -> Annotations:
@@ -93,25 +107,6 @@ def read_annotations(path: Path, bad: BadInput) -> Annotations:
     return Annotations(list(by_id.values()))
 
 
-def _boxes(found: Sequence[tuple[Object, Box]], radar_height_m: float) -> Boxes3D:
-    """Length is along the box's height in the image: boxes of oncoming vehicles are turned by 180 degrees, which tells
-    that the turn is that of the heading. It is counter-clockwise (SDK, `gen_boundingbox_rot`).
-    """
-    left, top, width, height = np.array([box.position for _, box in found], np.float64).reshape(-1, 4).T
-    tall_m = np.array([HEIGHTS_M.get(o.class_name, OTHER_HEIGHT_M) for o, _ in found], np.float64)
-    forward_m = (CENTER_PX - (top + height / 2)) * RANGE_STEP_M
-    left_m = (CENTER_PX - (left + width / 2)) * RANGE_STEP_M
-    return Boxes3D(
-        center_m=np.stack([forward_m, left_m, tall_m / 2 - radar_height_m], axis=1),
-        size_lwh_m=np.stack([height * RANGE_STEP_M, width * RANGE_STEP_M, tall_m], axis=1),
-        yaw_rad=wrap_angle(np.radians(np.array([box.rotation for _, box in found], np.float64))),
-        label=text_array([LABELS.get(o.class_name, "other") for o, _ in found]),
-        track_id=np.array([o.id for o, _ in found], np.int64),
-        ignore=np.array([o.class_name == GROUP for o, _ in found], np.bool_),
-        source_label=text_array([o.class_name for o, _ in found]),
-    )
-
-
 def inside_bev(boxes: Boxes3D, xyz: Array) -> Bool:
     """Tell which points (M, 3) are in which boxes (N,) from above: (N, M)."""
     x = xyz[None, :, 0] - boxes.center_m[:, 0, None]
@@ -120,10 +115,6 @@ def inside_bev(boxes: Boxes3D, xyz: Array) -> Bool:
     half = boxes.size_lwh_m[:, :2, None] / 2
     inside: Bool = (np.abs(cos * x + sin * y) <= half[:, 0]) & (np.abs(cos * y - sin * x) <= half[:, 1])
     return inside
-
-
-_LISTED = 5
-_LATE_S = 0.5  # Sensors that start or end so much later or earlier than the radar are told of
 
 
 @dataclass
@@ -137,12 +128,6 @@ class Findings:
     hits: list[int] = field(default_factory=list)  # Radar points on each labeled vehicle whose scan is there
     unlabeled: int = 0
     wide: int = 0  # Boxes that are wider than long
-
-    def add(self, message: Message) -> None:
-        """Count a message."""
-        self.messages[message.sensor] += 1
-        if isinstance(message, RadarScan):
-            self.radar_points += len(message.xyz)
 
     def add_boxes(self, boxes: Boxes3D) -> None:
         """Count what was labeled at one instant."""
@@ -160,10 +145,11 @@ class Findings:
     ) -> Iterator[str]:
         """Yield a line about each thing that was found or is odd."""
         yield "messages: " + ", ".join(f"{name} {self.messages[name]}" for name in FOLDERS if self.messages[name])
-        yield from _file_lines(files)
-        yield from _time_lines(files)
-        yield from _pose_lines(files, dues, self.messages[GPS], params)
-        yield from self._label_lines(files, num_slots)
+        yield from _stream_lines(files)
+        if GPS in files.streams and (fixes := list(files.streams[GPS].stamps.values())):
+            late_s = (min(fixes) - min(files.streams[RADAR].stamps.values())) / 1e9 + params.gps_offset_s
+            yield from self._pose_lines(len(fixes), len(set(fixes)), sum(due.sensor == GPS for due in dues), late_s)
+        yield from self._label_lines(files.streams[RADAR], num_slots)
         if num := self.messages[RADAR]:
             yield f"radar: {self.radar_points / num:.0f} points a scan by CFAR, without Doppler; rcs is a grey value"
         if num := len(self.hits):
@@ -172,14 +158,24 @@ class Findings:
             yield f"radar: of {num} labeled vehicles {shares} or more"
         yield "stamps: as recorded, times of arrival; `fbench log check` looks for offsets between sensors"
 
-    def _label_lines(self, files: SequenceFiles, num_slots: int | None) -> Iterator[str]:
+    def _pose_lines(self, num: int, unique: int, chosen: int, late_s: float) -> Iterator[str]:
+        """About so many fixes, with so many times, of which so many are imported."""
+        if unique < num:
+            yield f"{GPS}: {num - unique} of {num} fixes repeat a time, left out"
+        if chosen < unique:
+            left_out = f"{unique - chosen} fixes left out, taken over 2 s away from what is imported"
+            start = f"they start {abs(late_s):.2f} s {'after' if late_s >= 0 else 'before'} the radar does"
+            yield f"{GPS}: {left_out} ({start}); --set gps_offset_s=SECONDS moves them"
+        if self.messages[GPS] < chosen:
+            yield f"{GPS}: {chosen - self.messages[GPS]} fixes without a heading or unreadable, left out"
+
+    def _label_lines(self, radar: Stream, num_slots: int | None) -> Iterator[str]:
         if num_slots is None:
             yield "boxes: no labels"
             return
         classes = format_counts(self.classes)
         yield f"boxes: {self.classes.total()}{f' ({classes})' if classes else ''}, {len(self.tracks)} tracks"
-        last = max([*files.streams[RADAR].stamps, *files.streams[RADAR].no_file])
-        if num_slots != last:
+        if num_slots != (last := max([*radar.stamps, *radar.no_file])):
             yield f"labels: slots for {num_slots} radar frames, there are {last}; slot k belongs to frame k + 1"
         if self.unlabeled:
             yield f"unlabeled radar frames: {self.unlabeled}, beyond the slots of the labels"
@@ -190,22 +186,17 @@ class Findings:
         yield "boxes: heights and where they stand are assumed, labels are from above"
 
 
-def _file_lines(files: SequenceFiles) -> Iterator[str]:
+def _stream_lines(files: SequenceFiles) -> Iterator[str]:
+    radar = files.streams[RADAR].stamps
     for sensor, stream in files.streams.items():
         table = f"{FOLDERS[sensor]}.txt"
-        if stream.no_file:
-            yield f"left out, without a file: {len(stream.no_file)} times of {table} ({_frames(stream.no_file)})"
-        if stream.no_stamp:
-            num = len(stream.no_stamp)
+        if num := len(stream.no_file):
+            yield f"left out, without a file: {num} times of {table} ({_frames(stream.no_file)})"
+        if num := len(stream.no_stamp):
             yield f"left out, without a time in {table}: {num} files ({_frames(stream.no_stamp)})"
-    polar = files.streams[RADAR].stamps
-    other = sum(files.cartesian.get(number, stamp) != stamp for number, stamp in polar.items())
-    if other:
+    if other := sum(files.cartesian.get(number, stamp) != stamp for number, stamp in radar.items()):
         yield f"times of {POLAR}.txt are not those of {CARTESIAN}.txt: {other} frames; the former were taken"
-
-
-def _time_lines(files: SequenceFiles) -> Iterator[str]:
-    radar = files.streams[RADAR].stamps.values()
+    first_ns, last_ns = min(radar.values()), max(radar.values())
     for sensor, stream in files.streams.items():
         stamps = list(stream.stamps.values())
         if not stamps:
@@ -213,35 +204,11 @@ def _time_lines(files: SequenceFiles) -> Iterator[str]:
             continue
         if back := sum(b < a for a, b in pairwise(stamps)):
             yield f"{sensor}: time runs backwards before {back} of {len(stamps)} files, which were put in order"
-        if sensor != GPS:
-            late_s, early_s = (min(stamps) - min(radar)) / 1e9, (max(radar) - max(stamps)) / 1e9
-            if abs(late_s) > _LATE_S:
-                yield f"{sensor}: starts {_apart(late_s, 'after')} the radar does"
-            if abs(early_s) > _LATE_S:
-                yield f"{sensor}: ends {_apart(early_s, 'before')} the radar does"
-
-
-def _pose_lines(files: SequenceFiles, dues: Sequence[Due], num: int, params: RadiateParams) -> Iterator[str]:
-    if GPS not in files.streams or not files.streams[GPS].stamps:
-        return
-    stamps = files.streams[GPS].stamps.values()
-    unique = len(set(stamps))
-    if unique < len(stamps):
-        yield f"{GPS}: {len(stamps) - unique} of {len(stamps)} fixes repeat a time, left out"
-    chosen = sum(due.sensor == GPS for due in dues)
-    if chosen < unique:
-        first_s = (min(stamps) - min(files.streams[RADAR].stamps.values())) / 1e9 + params.gps_offset_s
-        yield (
-            f"{GPS}: {unique - chosen} fixes left out, taken over 2 s away from what is imported (they start "
-            f"{_apart(first_s, 'after')} the radar does); --set gps_offset_s=SECONDS moves them"
-        )
-    if num < chosen:
-        yield f"{GPS}: {chosen - num} fixes without a heading or unreadable, left out"
-
-
-def _apart(seconds: float, late: str) -> str:
-    other = {"after": "before", "before": "after"}[late]
-    return f"{abs(seconds):.2f} s {late if seconds >= 0 else other}"
+        late_s, early_s = (min(stamps) - first_ns) / 1e9, (last_ns - max(stamps)) / 1e9
+        if sensor != GPS and abs(late_s) > _LATE_S:
+            yield f"{sensor}: starts {abs(late_s):.2f} s {'after' if late_s >= 0 else 'before'} the radar does"
+        if sensor != GPS and abs(early_s) > _LATE_S:
+            yield f"{sensor}: ends {abs(early_s):.2f} s {'before' if early_s >= 0 else 'after'} the radar does"
 
 
 def _frames(numbers: Sequence[int]) -> str:

@@ -7,6 +7,7 @@ Richards, "Fundamentals of Radar Signal Processing", chapter on CFAR.
 """
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -18,7 +19,9 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.arrays import Array, Float32, Int64
 from fbench.replay.data.messages import RadarScan
 
-_MOST = 100_000
+RADAR = "navtech"
+SIZE_WH = (400, 576)  # Azimuths and range cells of a polar image [px]
+RANGE_STEP_M = 0.173611  # `range_res` of the SDK's configuration: 100 m / 576
 
 
 @dataclass(frozen=True)
@@ -39,25 +42,18 @@ class CfarParams:
     """Of more targets those that exceed the mean by most are kept."""
 
     def __post_init__(self) -> None:
-        for name, value, least in (
-            ("guard", self.guard, 0),
-            ("training", self.training, 1),
-            ("max_points", self.max_points, 0),
-        ):
-            if not least <= value <= _MOST:
-                raise ConfigError(f"cfar.{name}={value}: expected {least} to {_MOST}")
+        least = {"guard": 0, "training": 1, "max_points": 0}
+        for name, low in least.items():
+            if not low <= (value := getattr(self, name)) <= 100_000:
+                raise ConfigError(f"cfar.{name}={value}: expected {low} to 100000")
         if not (np.isfinite(self.threshold) and 0 <= self.min_range_m < np.inf):
-            raise ConfigError(
-                f"cfar.threshold={self.threshold}, cfar.min_range_m={self.min_range_m}: expected finite numbers, and a "
-                "range that isn't negative"
-            )
+            values = f"cfar.threshold={self.threshold}, cfar.min_range_m={self.min_range_m}"
+            raise ConfigError(f"{values}: expected finite numbers, and a range that isn't negative")
 
 
 def detect(power: Array, range_step_m: float, params: CfarParams) -> tuple[Int64, Int64]:
     """Find targets in an image (R, A) of power: a row a range cell, row r at `range_step_m * r`, a column an azimuth.
-
-    Returns:
-        Rows and columns (N,) of the targets, by column, then row.
+    Returns their rows and columns (N,), by column, then row.
     """
     excess = power - clutter(power, params.guard, params.training)
     found = excess > params.threshold
@@ -74,22 +70,19 @@ def detect(power: Array, range_step_m: float, params: CfarParams) -> tuple[Int64
 
 def clutter(power: Array, guard: int, training: int) -> Float32:
     """Mean power (R, A) of the training cells of each cell; infinite where it has none."""
+    import cv2
+
+    def sum_around(cells: Array, reach: int) -> Float32:  # So many on either side and the cell itself, along range
+        size = (1, 2 * min(reach, len(cells)) + 1)
+        return np.asarray(cv2.boxFilter(cells, cv2.CV_32F, size, normalize=False, borderType=cv2.BORDER_CONSTANT))
+
     # Sums are exact, since gray values of a column sum to less than 2^24.
-    sums, cells = (
-        _sums(of, guard + training) - _sums(of, guard) for of in (power, np.ones((len(power), 1), power.dtype))
-    )
+    each = power, np.ones((len(power), 1), power.dtype)
+    sums, cells = (sum_around(of, guard + training) - sum_around(of, guard) for of in each)
     with np.errstate(divide="ignore", invalid="ignore"):
         mean: Float32 = sums / cells
     mean[cells[:, 0] == 0] = np.inf
     return mean
-
-
-def _sums(cells: Array, reach: int) -> Float32:
-    """Sums (R, A) over `reach` cells on either side and the cell itself, along range."""
-    import cv2
-
-    size = (1, 2 * min(reach, len(cells)) + 1)
-    return np.asarray(cv2.boxFilter(cells, cv2.CV_32F, size, normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
 @dataclass(frozen=True)
@@ -123,9 +116,6 @@ class RadiateParams:
 
 
 DEFAULTS = RadiateParams()
-SENSOR = "navtech"
-SIZE_WH = (400, 576)  # Azimuths and range cells of a polar image [px]
-RANGE_STEP_M = 0.173611  # `range_res` of the SDK's configuration: 100 m / 576
 
 
 def read_polar(path: Path) -> Array:
@@ -137,14 +127,13 @@ def read_polar(path: Path) -> Array:
     """
     import cv2
 
-    image = read_image(path, SENSOR, 0)
+    image = read_image(path, RADAR, 0)
     if image.size_wh != SIZE_WH:
         width, height = image.size_wh
         raise LogError(f"{path}: {width}x{height} px, expected a polar image of {SIZE_WH[0]}x{SIZE_WH[1]}")
-    try:
+    power = None
+    with suppress(cv2.error):
         power = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        power = None
     if power is None:
         raise LogError(f"{path}: can't be decoded, is it damaged?")
     if power.ndim != 2 or power.dtype != np.uint8:
@@ -159,8 +148,6 @@ def scan_of(power: Array, stamp_ns: int, params: CfarParams) -> RadarScan:
     clockwise_rad = (columns + 0.5) * (2 * np.pi / SIZE_WH[0])
     azimuth_rad = np.where(clockwise_rad <= np.pi, -clockwise_rad, 2 * np.pi - clockwise_rad)
     xyz = np.stack([range_m * np.cos(azimuth_rad), range_m * np.sin(azimuth_rad), np.zeros(len(rows))], axis=1)
-    return RadarScan(
-        SENSOR, stamp_ns, stamp_ns, xyz.astype(np.float32),
-        rcs_dbsm=power[rows, columns].astype(np.float32),
-        range_m=range_m.astype(np.float32), azimuth_rad=azimuth_rad.astype(np.float32),
-    )  # fmt: skip
+    rcs, range_m, azimuth = (a.astype(np.float32) for a in (power[rows, columns], range_m, azimuth_rad))
+    xyz = xyz.astype(np.float32)
+    return RadarScan(RADAR, stamp_ns, stamp_ns, xyz, rcs_dbsm=rcs, range_m=range_m, azimuth_rad=azimuth)

@@ -7,84 +7,49 @@ report, and the frame viewer (points, boxes and image linked to each other) woul
 import os
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib.resources import files
 from pathlib import Path
 
-import jinja2
 from markupsafe import Markup
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
-from fbench.reports.html.overview import (
-    fault_lines,
-    frame_times,
-    latency_panels,
-    notices,
-    overview,
-    run_labels,
-    title,
-    velocity_periods,
-    what_ran,
-)
-from fbench.reports.html.records import LatencyTable, island, number, visible
+from fbench.reports.html import overview
+from fbench.reports.html.records import environment, island, resource
 from fbench.reports.html.scene import scenes, shown_frames
 from fbench.reports.html.scoreboard import result_view, scoreboard
 
+_PACKAGE = "fbench.reports.html"
 _SCRIPTS = ("base.js", "view.js", "scene.js", "camera.js", "objects.js", "timeline.js", "main.js")
 
 
 def page(runs: Sequence[Run], results: Results | None = None) -> str:
     """Return the whole page as text, the tables of an experiment first where there are any."""
-    labels = run_labels(runs)
-    overviews = [overview(run, label) for run, label in zip(runs, labels, strict=True)]
-    latency = latency_panels(runs, labels)
-    return _environment().get_template("report.html").render(
-        title=title(runs) if results is None else results.title,
+    labels = overview.run_labels(runs)
+    heads = [overview.overview(run, label) for run, label in zip(runs, labels, strict=True)]
+    latency = overview.latency_panels(runs, labels)
+    timing = []
+    for run, panel in zip(runs, latency, strict=True):
+        total, table = overview.frame_times(run), panel["table"]
+        warm_up = max(0, len(total) - table.frames) if table else 0  # Frames that the table leaves out
+        timing.append({"budget": table.budget_ms if table else None, "total": total, "warm_up": warm_up})
+    return environment(_PACKAGE).get_template("report.html").render(
+        title=overview.title(runs) if results is None else results.title,
         results=None if results is None else result_view(results),
         labels=labels,
-        overviews=overviews,
-        notices=notices(overviews),
+        overviews=heads,
+        notices=overview.notices(heads),
         board=scoreboard(runs, labels),
         latency=latency,
-        faults=fault_lines(runs, labels),
-        groups=what_ran(runs),
-        velocity_periods=velocity_periods(runs),
+        faults=overview.fault_lines(runs, labels),
+        groups=overview.what_ran(runs),
+        velocity_periods=overview.velocity_periods(runs),
         num_kept=sum(len(shown_frames(run)) for run in runs),
-        style=Markup(_resource("style.css")),  # noqa: S704 - part of the package, as are the scripts
-        script=Markup("\n".join(_resource(name) for name in _SCRIPTS)),  # noqa: S704
+        style=Markup(resource(_PACKAGE, "style.css")),  # noqa: S704 - part of the package, as are the scripts
+        script=Markup("\n".join(resource(_PACKAGE, name) for name in _SCRIPTS)),  # noqa: S704
         data=Markup(island(scenes(runs, labels))),  # noqa: S704 - escaped by `island`
-        timing=Markup(island([_timing(run, panel.table) for run, panel in zip(runs, latency, strict=True)])),  # noqa: S704
+        timing=Markup(island(timing)),  # noqa: S704
     )  # fmt: skip
-
-
-def _timing(run: Run, table: LatencyTable | None) -> dict[str, object]:
-    """Return wall times [ms], the budget, and how many frames at the start the table leaves out as warm-up."""
-    total = frame_times(run)
-    warm_up = max(0, len(total) - table.frames) if table else 0
-    return {"budget": table.budget_ms if table else None, "total": total, "warm_up": warm_up}
-
-
-def _resource(name: str) -> str:
-    return files("fbench.reports.html").joinpath(name).read_text(encoding="utf-8")
-
-
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_resource),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=_show,
-    )
-    environment.filters["number"] = number
-    return environment
-
-
-def _show(value: object) -> object:
-    """Make text visible before it is escaped."""
-    return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 class HtmlReport:
@@ -103,9 +68,7 @@ class HtmlReport:
         _write_whole(out, page(runs).encode("utf-8"))
 
     def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
-        """Write a report that begins with the tables of an experiment, and goes on with `runs`, some of its own; see
-        `write`.
-        """
+        """Write the tables of an experiment, and below them the report of `runs`, some of its own; see `write`."""
         _write_whole(out, page(runs, results).encode("utf-8"))
 
 

@@ -1,15 +1,26 @@
-"""Records that the report reads besides tables and scores, and text as the page shows it."""
+"""Records that the report reads besides tables and scores, text as the page shows it, and templates."""
 
 import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
+from importlib.resources import files
 from typing import Any, TypeVar
 
+import jinja2
+from markupsafe import Markup
 from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
 
 from fbench.replay.contracts.errors import RunError
 from fbench.replay.runs.folder import Run
+
+R = TypeVar("R", bound=BaseModel)
+DASH = "–"
+_INVISIBLE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff]"
+)
+_SCRIPT_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&'\u2028\u2029"}
 
 
 class _Record(BaseModel):
@@ -64,13 +75,8 @@ class Host(RootModel[Mapping[str, str | float | int | bool | None]]):
     """`host.json`."""
 
 
-R = TypeVar("R", bound=BaseModel)
-
-
 def read_record(run: Run, name: str, kind: type[R]) -> R | None:
-    """Read a JSON file of the run folder; `None` where the run doesn't have it. Raises RunError where it isn't what its
-    name says.
-    """
+    """Read a JSON file of a run; `None` where it has none. Raises RunError where it isn't what its name says."""
     path = run.folder / name
     if not path.is_file():
         return None
@@ -82,21 +88,9 @@ def read_record(run: Run, name: str, kind: type[R]) -> R | None:
         raise RunError(f"{path}: {where}: {first['msg']}; score the run again") from error
 
 
-DASH = "–"
-
-_INVISIBLE = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff]"
-)
-_SCRIPT_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&'\u2028\u2029"}
-
-
 def visible(text: str) -> str:
     """Write control, direction and other invisible characters as `\\x1b`, so that they neither act nor hide."""
-    return _INVISIBLE.sub(lambda m: _code(m[0]), text)
-
-
-def _code(char: str) -> str:
-    return f"\\x{ord(char):02x}" if ord(char) < 256 else f"\\u{ord(char):04x}"
+    return _INVISIBLE.sub(lambda m: f"\\x{code:02x}" if (code := ord(m[0])) < 256 else f"\\u{code:04x}", text)
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -105,6 +99,15 @@ def number(value: float | None, digits: int = 3) -> str:
         return DASH
     text = f"{value:,.{digits}f}".replace(",", "\u202f")
     return text.replace("-", "\u2212") if float(f"{value:.{digits}f}") else text.replace("-", "")
+
+
+def positive(text: str) -> float:
+    """Return the number that a text is; 0 where it is no positive one."""
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if math.isfinite(value) and value > 0 else 0.0
 
 
 def brief(text: str, length: int = 12) -> str:
@@ -129,3 +132,26 @@ def island(value: Any) -> str:
     """Encode as JSON that is safe inside a `<script type="application/json">`: nothing in it can end the element."""
     text = json.dumps(round_floats(value), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     return text.translate(_SCRIPT_ESCAPES)
+
+
+def resource(package: str, name: str) -> str:
+    """Text of a file of a package."""
+    return files(package).joinpath(name).read_text("utf-8")
+
+
+def environment(package: str) -> jinja2.Environment:
+    """Templates of a package; they make text visible, then escape it."""
+
+    def show(value: object) -> object:
+        return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+    made = jinja2.Environment(
+        loader=jinja2.FunctionLoader(partial(resource, package)),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=show,
+    )
+    made.filters |= {"number": number, "brief": brief}
+    return made

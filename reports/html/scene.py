@@ -2,8 +2,7 @@
 
 import base64
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,10 @@ from fbench.replay.runs.folder import Run
 from fbench.replay.runs.media import MediaFrame, Points
 from fbench.reports.html.overview import row_numbers, timeline
 
-Outlines: TypeAlias = list[dict[str, dict[str, Any]]]
+MAX_POINTS = 4000  # Of one cloud; more can't be told apart at the size of the view
+MAX_BARE = 40  # Frames that are shown by their boxes alone
+_CM = 100.0
+_NO_SPEED = -32768
 
 
 def box_rows(boxes: Boxes | None, rig: Rig, cameras: list[str]) -> list[dict[str, Any]]:
@@ -33,76 +35,58 @@ def box_rows(boxes: Boxes | None, rig: Rig, cameras: list[str]) -> list[dict[str
     drawable, _ = finite(boxes)
     sound = boxes[drawable]
     geometry = iter(_rows_3d(sound, rig, cameras) if isinstance(sound, Boxes3D) else _rows_2d(sound, rig))
-    return [
-        _common(boxes, i)
-        | (next(geometry) if drawable[i] else {"invalid": True, "seen": {}, "distance": None, "speed": None})
-        for i in range(len(boxes))
-    ]
 
+    def column(values: Array | None, absent: object) -> list[Any]:
+        return [absent] * len(boxes) if values is None else values.tolist()
 
-def _common(boxes: Boxes, i: int) -> dict[str, Any]:
-    track_id = _value(boxes.track_id, i)
-    return {
-        "label": _value(boxes.label, i) or "",
-        "id": None if track_id is None or track_id < 0 else track_id,
-        "score": _value(boxes.score, i),
-        "sources": _value(boxes.sources, i) or 0,
-        "predicted": bool(_value(boxes.predicted, i)),
-        "ignore": bool(_value(boxes.ignore, i)),
+    columns = {
+        "label": column(boxes.label, ""),
+        "id": [None if track_id < 0 else track_id for track_id in column(boxes.track_id, -1)],
+        "score": column(boxes.score, None),
+        "sources": column(boxes.sources, 0),
+        "predicted": column(boxes.predicted, False),
+        "ignore": column(boxes.ignore, False),
     }
-
-
-def _value(array: Array | None, i: int) -> Any:
-    return None if array is None else array[i].item()
+    rows = (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))
+    nowhere = {"invalid": True, "seen": {}, "distance": None, "speed": None}
+    return [row | (next(geometry) if can_draw else nowhere) for row, can_draw in zip(rows, drawable, strict=True)]
 
 
 def _rows_3d(boxes: Boxes3D, rig: Rig, cameras: list[str]) -> list[dict[str, Any]]:
     eight = corners(boxes)
     distance = np.sqrt(np.sum(boxes.center_m**2, axis=1))
-    seen: Outlines = [{} for _ in range(len(boxes))]
-    for name in cameras:
-        _add_outlines(seen, rig, name, boxes)
     rows: list[dict[str, Any]] = [
-        {"corners": np.round(eight[i], 2).ravel().tolist(), "distance": float(distance[i]), "seen": seen[i]}
-        for i in range(len(boxes))
+        {"corners": np.round(own, 2).ravel().tolist(), "distance": float(away), "seen": {}}
+        for own, away in zip(eight, distance, strict=True)
     ]
+    for name in cameras:
+        try:
+            rectangles, visible = project_boxes(rig, name, boxes)
+            wires = project_body(rig, name, eight.reshape(-1, 3))[0].reshape(-1, 16)
+            straight = is_pinhole(rig.cameras[name])
+            # Where a lens bends straight lines, each of the 12 edges is a curve of several points.
+            curves = None if straight else project_edges(rig, name, boxes).reshape(len(boxes), 12, -1)
+        except LogError:
+            continue  # its distortion isn't modeled
+        for i in np.flatnonzero(visible):
+            wire = np.round(wires[i], 1).tolist() if np.isfinite(wires[i]).all() else None
+            outline = rows[i]["seen"][name] = {"rect": np.round(rectangles[i], 1).tolist(), "wire": wire}
+            if curves is not None and np.isfinite(curves[i]).all():
+                outline["curves"] = np.round(curves[i], 1).tolist()
     if boxes.velocity_mps is not None:
         for row, v in zip(rows, boxes.velocity_mps, strict=True):
             row |= {"velocity": v[:2].tolist(), "speed": float(np.hypot(v[0], v[1]))}
     return rows
 
 
-def _add_outlines(seen: Outlines, rig: Rig, name: str, boxes: Boxes3D) -> None:
-    """Add rectangle and wire frame in camera `name`; nothing where its distortion isn't modeled.
-
-    Where a lens bends straight lines, each of the 12 edges is a `curve` of several points.
-    """
-    try:
-        rectangles, visible = project_boxes(rig, name, boxes)
-        wires = project_body(rig, name, corners(boxes).reshape(-1, 3))[0].reshape(-1, 16)
-        straight = is_pinhole(rig.cameras[name])
-        curves = None if straight else project_edges(rig, name, boxes).reshape(len(boxes), 12, -1)
-    except LogError:
-        return
-    for i in np.flatnonzero(visible):
-        wire = np.round(wires[i], 1).tolist() if np.isfinite(wires[i]).all() else None
-        outline = {"rect": np.round(rectangles[i], 1).tolist(), "wire": wire}
-        if curves is not None and np.isfinite(curves[i]).all():
-            outline["curves"] = np.round(curves[i], 1).tolist()
-        seen[int(i)][name] = outline
-
-
 def _rows_2d(boxes: Boxes2D, rig: Rig) -> list[dict[str, Any]]:
     rows = []
     for i in range(len(boxes)):
         camera, rect = str(boxes.camera[i]), boxes.xyxy_px[i]
-        distance, rate = _value(boxes.distance_m, i), _value(boxes.range_rate_mps, i)
-        row = {
-            "seen": {camera: {"rect": np.round(rect, 1).tolist(), "wire": None}},
-            "distance": distance,
-            "speed": rate,
-        }
-        rows.append(row | _place(rig, camera, rect, distance, rate))
+        distance = None if boxes.distance_m is None else float(boxes.distance_m[i])
+        rate = None if boxes.range_rate_mps is None else float(boxes.range_rate_mps[i])
+        seen = {camera: {"rect": np.round(rect, 1).tolist(), "wire": None}}
+        rows.append({"seen": seen, "distance": distance, "speed": rate, **_place(rig, camera, rect, distance, rate)})
     return rows
 
 
@@ -131,32 +115,27 @@ def _place(rig: Rig, name: str, rect: Float64, distance: float | None, rate: flo
     return {"place": place.tolist(), "velocity": velocity}
 
 
-MAX_POINTS = 4000  # Of one cloud; more can't be told apart at the size of the view
-MAX_BARE = 40  # Frames that are shown by their boxes alone
-_CM = 100.0
-_NO_SPEED = -32768
-
-
-@dataclass
-class _Pool:
-    """Contents that several runs share, such as images of one log, are stored once."""
-
-    numbers: dict[str, int] = field(default_factory=dict)
-
-    def add(self, content: bytes) -> int:
-        text = base64.b64encode(content).decode("ascii")
-        return self.numbers.setdefault(text, len(self.numbers))
-
-
 def scenes(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
     """Return timelines and kept frames of all runs.
 
     Pictures are JPEG and clouds little-endian int16 (x, y, z [cm] in body coordinates, radial velocity [cm/s]), both
     in base64, in pools that the frames refer to by number.
     """
-    pictures, clouds = _Pool(), _Pool()
-    content = [_run(run, label, pictures, clouds) for run, label in zip(runs, labels, strict=True)]
-    return {"runs": content, "pictures": list(pictures.numbers), "clouds": list(clouds.numbers)}
+    pictures: dict[str, int] = {}
+    clouds: dict[str, int] = {}
+    content = []
+    for run, label in zip(runs, labels, strict=True):
+        rig, rows = run.manifest.rig, row_numbers(run)
+        shown = [kept for kept in shown_frames(run) if kept.index in rows]
+        frames = [{"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)} for kept in shown]
+        cameras = {name: list(camera.size_wh) for name, camera in sorted(rig.cameras.items())}
+        content.append({"label": label, "timeline": timeline(run), "cameras": cameras, "frames": frames})
+    return {"runs": content, "pictures": list(pictures), "clouds": list(clouds)}
+
+
+def _store(pool: dict[str, int], content: bytes) -> int:
+    """Number of a content in a pool; what several runs share, such as images of one log, is stored once."""
+    return pool.setdefault(base64.b64encode(content).decode("ascii"), len(pool))
 
 
 def shown_frames(run: Run) -> tuple[MediaFrame, ...]:
@@ -169,37 +148,22 @@ def shown_frames(run: Run) -> tuple[MediaFrame, ...]:
     return tuple(MediaFrame(index) for index in some[:: max(1, -(-len(some) // MAX_BARE))])
 
 
-def _run(run: Run, label: str, pictures: _Pool, clouds: _Pool) -> dict[str, Any]:
-    rig, rows = run.manifest.rig, row_numbers(run)
-    return {
-        "label": label,
-        "timeline": timeline(run),
-        "cameras": {name: list(camera.size_wh) for name, camera in sorted(rig.cameras.items())},
-        "frames": [
-            {"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)}
-            for kept in shown_frames(run)
-            if kept.index in rows
-        ],
-    }
-
-
-def _frame(run: Run, rig: Rig, kept: MediaFrame, pictures: _Pool, clouds: _Pool) -> dict[str, Any]:
+def _frame(run: Run, rig: Rig, kept: MediaFrame, pictures: dict[str, int], clouds: dict[str, int]) -> dict[str, Any]:
     cameras = [name for name in sorted(kept.pictures) if name in rig.cameras and name in rig.mounts]
     truth: Boxes | None = run.truth3d(kept.index)
     truth = run.truth2d(kept.index) if truth is None else truth
+    points = []
+    for name, cloud in sorted(kept.points.items()):
+        kind: Kind = rig.mounts[name].kind if name in rig.mounts else "lidar"
+        points.append({"sensor": name, "kind": kind, "cloud": _store(clouds, _pack(cloud))})
     return {
-        "pictures": {name: pictures.add(picture.jpeg) for name, picture in sorted(kept.pictures.items())},
-        "clouds": [_cloud(rig, name, points, clouds) for name, points in sorted(kept.points.items())],
+        "pictures": {name: _store(pictures, picture.jpeg) for name, picture in sorted(kept.pictures.items())},
+        "clouds": points,
         "labelled": truth is not None,
         "truth": box_rows(truth, rig, cameras),
         "detections": box_rows(run.detections.at(kept.index), rig, cameras),
         "tracks": box_rows(run.tracks.at(kept.index), rig, cameras),
     }
-
-
-def _cloud(rig: Rig, name: str, points: Points, clouds: _Pool) -> dict[str, Any]:
-    kind: Kind = rig.mounts[name].kind if name in rig.mounts else "lidar"
-    return {"sensor": name, "kind": kind, "cloud": clouds.add(_pack(points))}
 
 
 def _pack(points: Points) -> bytes:

@@ -1,7 +1,8 @@
 """Scores and tables of an experiment as the page shows them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, Score, format_number
 from fbench.replay.runs.folder import Run
@@ -22,8 +23,6 @@ PRIMARY = {
 _CARD_COUNTS = ("tp", "fp", "fn", "gt", "idsw")
 _WHOLE = ("idsw", "frag", "mt", "pt", "ml")
 _OF_SLICES = ("recall", "precision", "f1")
-
-Key = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
@@ -50,185 +49,91 @@ class Line:
     cells: Sequence[Cell]
 
 
-@dataclass(frozen=True)
-class Board:
-    """The primary metrics of one class and matching, over all frames."""
+def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
+    """Join the scores of all runs by metric, class, slice and matching.
 
-    class_: str
-    matching: str
-    lines: Sequence[Line]
-
-    @property
-    def reason(self) -> str:
-        """Why the whole board is empty; nothing where it isn't."""
-        reasons = [cell.reason for line in self.lines for cell in line.cells]
-        return reasons[0] if len(dict.fromkeys(reasons)) == 1 else ""
-
-
-@dataclass(frozen=True)
-class Part:
-    """Recall, precision and F1 in one slice, of every run."""
-
-    slice: str
-    cells: Sequence[Cell]  # Three for each run, one run after the other
-
-
-@dataclass(frozen=True)
-class Scoreboard:
-    """All scores of all runs."""
-
-    boards: Sequence[Board]  # Primary metrics of the first class, one board a matching
-    parts: Sequence[Part]  # Slices of the first board: by distance, visibility, sensor and region
-    lines: Sequence[Line]  # Every score
-    unscored: Sequence[str]  # Labels of runs without scores
-
-
-def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> Scoreboard:
-    """Join the scores of all runs by metric, class, slice and matching."""
+    Returns `boards`, the primary metrics of the first class, one a matching; `parts`, recall, precision and F1 of the
+    first board by slice (distance, visibility, sensor, region), one run after the other; all `lines`; and the labels of
+    runs that are `unscored`.
+    """
     scored = [(run.folder / "scores.json").is_file() for run in runs]
     columns = [{score.key: score for score in run.scores} if has else {} for run, has in zip(runs, scored, strict=True)]
-    keys = dict.fromkeys(key for column in columns for key in column)
-    lines = [_line(key, [column.get(key) for column in columns], scored) for key in keys]
+    lines = []
+    for key in dict.fromkeys(key for column in columns for key in column):
+        cells = [_cell(column.get(key), has) for column, has in zip(columns, scored, strict=True)]
+        lines.append(Line(key[0], PRIMARY.get(key[0], key[0]), *key[1:], cells))
     unscored = [label for label, has in zip(labels, scored, strict=True) if not has]
-    return Scoreboard(_boards(lines), _parts(lines), lines, unscored)
+    return {"boards": _boards(lines), "parts": _parts(lines), "lines": lines, "unscored": unscored}
 
 
-def _line(key: Key, scores: Sequence[Score | None], scored: Sequence[bool]) -> Line:
-    cells = [_cell(score) if score else _absent(has) for score, has in zip(scores, scored, strict=True)]
-    return Line(key[0], PRIMARY.get(key[0], key[0]), *key[1:], cells)
-
-
-def _absent(scored: bool) -> Cell:
-    return Cell(DASH, reason="this run has no such score" if scored else "not scored")
-
-
-def _cell(score: Score) -> Cell:
+def _cell(score: Score | None, scored: bool) -> Cell:
+    if score is None:
+        return Cell(DASH, reason="this run has no such score" if scored else "not scored")
     whole = isinstance(score.value, int) or score.metric in _WHOLE
     ratio = score.unit == "1" and not whole
     share = min(max(float(score.value), 0.0), 1.0) if ratio and score.value is not None else None
-    counts = {name: number(n, 0 if float(n).is_integer() else 3) for name, n in score.counts.items()}
-    short = {name: counts[name] for name in _CARD_COUNTS if name in counts and score.value is not None}
+    counts = {name: f"{name} {number(n, 0 if float(n).is_integer() else 3)}" for name, n in score.counts.items()}
+    short = [counts[name] for name in _CARD_COUNTS if name in counts and score.value is not None]
     unit = "" if score.unit == "1" else score.unit
-    return Cell(
-        number(score.value, 0 if whole else 3),
-        unit,
-        score.reason or "",
-        share,
-        _join_boards(counts),
-        _join_boards(short),
-    )
+    text = number(score.value, 0 if whole else 3)
+    return Cell(text, unit, score.reason or "", share, " · ".join(counts.values()), " · ".join(short))
 
 
-def _join_boards(counts: Mapping[str, str]) -> str:
-    return " · ".join(f"{name} {count}" for name, count in counts.items())
-
-
-def _boards(lines: Sequence[Line]) -> list[Board]:
-    """Group the primary metrics of the first class by matching."""
+def _boards(lines: Sequence[Line]) -> list[dict[str, Any]]:
+    """Group the primary metrics of the first class by matching; `reason` says why a whole board is empty."""
     groups: dict[tuple[str, str], list[Line]] = {}
     for line in lines:
         if line.metric in PRIMARY and line.slice == "all":
             groups.setdefault((line.class_, line.matching), []).append(line)
-    first = [class_ for class_, _ in groups][:1]
-    order = list(PRIMARY)
-    return [
-        Board(class_, matching, sorted(group, key=lambda line: order.index(line.metric)))
-        for (class_, matching), group in groups.items()
-        if class_ in first
-    ]
+    first, order, boards = next(iter(groups), ("", ""))[0], list(PRIMARY), []
+    for (class_, matching), group in groups.items():
+        if class_ == first:
+            reasons = {cell.reason for line in group for cell in line.cells}
+            reason = reasons.pop() if len(reasons) == 1 else ""
+            ranked = sorted(group, key=lambda line: order.index(line.metric))
+            boards.append({"class_": class_, "matching": matching, "lines": ranked, "reason": reason})
+    return boards
 
 
-def _parts(lines: Sequence[Line]) -> list[Part]:
+def _parts(lines: Sequence[Line]) -> list[dict[str, Any]]:
     """Group recall, precision and F1 of the first class by slice, without slices in which there is nothing."""
     of = next(((line.class_, line.matching) for line in lines if line.metric in PRIMARY), None)
     groups: dict[str, dict[str, Line]] = {}
     for line in lines:
         if line.metric in _OF_SLICES and line.slice != "all" and (line.class_, line.matching) == of:
             groups.setdefault(line.slice, {})[line.metric] = line
-    parts = [Part(name, _side_by_side(group)) for name, group in groups.items()]
-    return [part for part in parts if any(cell.text != DASH for cell in part.cells)]
+    parts = []
+    for name, group in groups.items():
+        num_runs, found = len(next(iter(group.values())).cells), [group.get(metric) for metric in _OF_SLICES]
+        cells = [Cell(DASH) if line is None else line.cells[run] for run in range(num_runs) for line in found]
+        if any(cell.text != DASH for cell in cells):
+            parts.append({"slice": name, "cells": cells})
+    return parts
 
 
-def _side_by_side(group: Mapping[str, Line]) -> list[Cell]:
-    num_runs = len(next(iter(group.values())).cells)
-    found = [group.get(metric) for metric in _OF_SLICES]
-    return [Cell(DASH) if line is None else line.cells[run] for run in range(num_runs) for line in found]
+def result_view(results: Results) -> dict[str, Any]:
+    """Turn the numbers of an experiment into text: `facts`, `boards`, one a table, and `problems`."""
+    return {"facts": results.facts, "boards": [_board(t) for t in results.tables], "problems": results.problems}
 
 
-@dataclass(frozen=True)
-class ResultCell:
-    """One figure as text."""
-
-    text: str
-    published: str  # What the source system's authors give; empty where they give nothing
-    reason: str
-    counts: str
-
-
-@dataclass(frozen=True)
-class ResultLine:
-    """One configuration in one space."""
-
-    name: str
-    space: str
-    cells: Sequence[ResultCell]
+def _board(table: ResultTable) -> dict[str, Any]:
+    lines = []
+    for line in table.lines:
+        cells = [_figure(f, column.kind) for f, column in zip(line.figures, table.columns, strict=True)]
+        lines.append({"name": line.name, "space": line.space, "cells": cells})
+    has = [any(line.figures[i].published is not None for line in table.lines) for i in range(len(table.columns))]
+    columns = [{"name": column.name, "has_published": own} for column, own in zip(table.columns, has, strict=True)]
+    head = {"title": table.title, "notes": table.notes, "has_spaces": table.has_spaces, "has_published": any(has)}
+    return {**head, "columns": columns, "lines": lines}
 
 
-@dataclass(frozen=True)
-class ResultColumn:
-    """The head of a column."""
+def _figure(figure: Figure, kind: Kind) -> dict[str, str]:
+    """One figure as text; `published` is what the source system's authors give, empty where they give nothing."""
 
-    name: str
-    has_published: bool
+    def show(value: float | None) -> str:  # With a true minus sign
+        text = format_number(value, kind)
+        return text if text == DASH else text.replace("-", "\u2212")
 
-
-@dataclass(frozen=True)
-class ResultBoard:
-    """One table."""
-
-    title: str
-    columns: Sequence[ResultColumn]
-    lines: Sequence[ResultLine]
-    notes: Sequence[str]
-    has_spaces: bool
-    has_published: bool
-
-
-@dataclass(frozen=True)
-class ResultView:
-    """All tables, what ran, and what went wrong."""
-
-    facts: Sequence[tuple[str, str]]
-    boards: Sequence[ResultBoard]
-    problems: Sequence[str]
-
-
-def result_view(results: Results) -> ResultView:
-    """Turn numbers into text."""
-    return ResultView(results.facts, [_board(table) for table in results.tables], results.problems)
-
-
-def _board(table: ResultTable) -> ResultBoard:
-    kinds = [column.kind for column in table.columns]
-    lines = [
-        ResultLine(line.name, line.space, [_results_cell(f, kind) for f, kind in zip(line.figures, kinds, strict=True)])
-        for line in table.lines
-    ]
-    columns = [
-        ResultColumn(column.name, any(line.cells[i].published for line in lines))
-        for i, column in enumerate(table.columns)
-    ]
-    return ResultBoard(
-        table.title, columns, lines, table.notes, table.has_spaces, any(column.has_published for column in columns)
-    )
-
-
-def _results_cell(figure: Figure, kind: Kind) -> ResultCell:
-    published = "" if figure.published is None else _minus(format_number(figure.published, kind))
+    published = "" if figure.published is None else show(figure.published)
     counts = " · ".join(f"{name.replace('_', ' ')} {num:g}" for name, num in figure.counts.items())
-    return ResultCell(_minus(format_number(figure.value, kind)), published, figure.reason or "", counts)
-
-
-def _minus(text: str) -> str:
-    """With a true minus sign."""
-    return text if text == DASH else text.replace("-", "\u2212")
+    return {"text": show(figure.value), "published": published, "reason": figure.reason or "", "counts": counts}

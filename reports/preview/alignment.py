@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,7 +27,11 @@ MIN_SUPPORT, MIN_STRIPES = 0.6, 8
 _STRIPES, _STRIPE_EDGES = 12, 5
 _MAX_EDGES = 600  # Of one frame; more tell nothing new
 MIN_SCORE = 1.15
-_AXES = "xyz"
+_NEAREST_M = 2.5
+_MAX_DISPARITY = 256
+_BLOCK = 9
+_COMPARED_M = (3.0, 40.0)
+_MIN_COMPARED = 50
 
 
 @dataclass(frozen=True)
@@ -70,22 +75,20 @@ class Alignment:
         if self.num_edges < MIN_EDGES:
             return f"too few LiDAR edges in the image to judge ({self.num_edges})"
         if self.is_lost:
-            return (
-                f"LiDAR edges don't fit the image, turned by up to 4 deg either (score {self.score:.2f}, 1 is chance)"
-            )
+            chance = f"score {self.score:.2f}, 1 is chance"
+            return f"LiDAR edges don't fit the image, turned by up to 4 deg either ({chance})"
         if self.is_unclear:
             return f"can't be judged: too few objects with edges at different places (score {self.score:.2f})"
         if not self.is_off:
             return f"LiDAR edges fit the image as calibrated ({self.num_edges} edges, score {self.score:.2f})"
         most = max(abs(turn) for turn in self.turn_deg)
-        told = [(t, name) for t, name in zip(self.turn_deg, _AXES, strict=True) if abs(t) >= min(1.0, most)]
-        turns = [f"{t:+.1f} deg about the camera's {name} axis" for t, name in told]
+        large = [(t, name) for t, name in zip(self.turn_deg, "xyz", strict=True) if abs(t) >= min(1.0, most)]
+        turns = [f"{t:+.1f} deg about the camera's {name} axis" for t, name in large]
         scores = f"score {self.score:.2f} → {self.best_score:.2f}, {self.num_edges} edges"
         return f"LiDAR edges fit the image better when turned by {' and '.join(turns)} ({scores})"
 
 
-@dataclass(frozen=True, eq=False)
-class _Evidence:
+class _Evidence(NamedTuple):
     """One image and the edges of the sweeps that go with it."""
 
     field: Float32
@@ -106,20 +109,16 @@ def align(samples: Sequence[Sample], camera: str) -> Alignment:
     turn = _best(evidence, model)
     here = [_values(found, model, np.zeros(3)) for found in evidence]
     there = [_values(found, model, turn) for found in evidence]
-    gains = [g for e, a, b in zip(evidence, here, there, strict=True) for g in _gains(e, model, a, b)]
+    gains: list[float] = []  # In each upright stripe of an image that has edges: one object alone proves little
+    for own, a, b in zip(evidence, here, there, strict=True):
+        uv, _ = project(model, own.edges)
+        stripe = np.floor(np.clip(uv[:, 0] / model.size_wh[0], 0, 0.999) * _STRIPES).astype(np.int64)
+        wanted = [rows for number in range(_STRIPES) if (rows := stripe == number).sum() >= _STRIPE_EDGES]
+        gains += [float(np.mean(b[rows]) - np.mean(a[rows])) for rows in wanted]
     x, y, z = (round(float(value), 3) + 0.0 for value in turn)
-    return Alignment(
-        camera, num, (x, y, z), float(np.mean(np.concatenate(here))), float(np.mean(np.concatenate(there))),
-        float(np.mean([gain > 0 for gain in gains])) if gains else 0.0, len(gains),
-    )  # fmt: skip
-
-
-def _gains(found: "_Evidence", model: CameraModel, here: Float64, there: Float64) -> list[float]:
-    """What a turn gains in each upright stripe of an image that has edges: one object alone proves little."""
-    uv, _ = project(model, found.edges)
-    stripe = np.floor(np.clip(uv[:, 0] / model.size_wh[0], 0, 0.999) * _STRIPES).astype(np.int64)
-    wanted = [rows for number in range(_STRIPES) if (rows := stripe == number).sum() >= _STRIPE_EDGES]
-    return [float(np.mean(there[rows]) - np.mean(here[rows])) for rows in wanted]
+    score, best = (float(np.mean(np.concatenate(values))) for values in (here, there))
+    support = float(np.mean([gain > 0 for gain in gains])) if gains else 0.0
+    return Alignment(camera, num, (x, y, z), score, best, support, len(gains))
 
 
 def edges_of(sample: Sample, camera: str) -> Float64:
@@ -174,17 +173,9 @@ def edges_view(sample: Sample, camera: str) -> Pixels:
     seen = in_image(model, uv)
     radii = np.full(int(seen.sum()), 3 if seen.sum() < 1500 else 2)
     draw.disks(picture, window.to_picture(uv[seen]), radii, of_depth(depth[seen]))
-    draw.lines(
-        picture, [f"frame {sample.frame.index}: jumps of LiDAR depth on upright edges of {draw.plain(camera)}"], [INK]
-    )
+    text = f"frame {sample.frame.index}: jumps of LiDAR depth on upright edges of {draw.plain(camera)}"
+    draw.lines(picture, [text], [INK])
     return picture
-
-
-_NEAREST_M = 2.5
-_MAX_DISPARITY = 256
-_BLOCK = 9
-_COMPARED_M = (3.0, 40.0)
-_MIN_COMPARED = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,19 +203,23 @@ def stereo_view(sample: Sample, pair: Pair, how: Rectified) -> StereoView:
     left, right = how.images(sample.image(pair.left), sample.image(pair.right))
     disparity = _disparity(left, right, how)
     depth = np.where(disparity > 0, how.camera.K[0, 0] * how.baseline_m / np.maximum(disparity, 0.1), np.nan)
-    uv, lidar_m = _lidar(sample, pair, how)
+    # LiDAR points in the rectified left image, the farthest first.
+    xyz = np.concatenate([np.zeros((0, 3)), *(points.xyz for points in sample.placed("lidar"))])
+    left_T_body = inverse(sample.rig.body_T_sensor(pair.left))
+    uv, lidar_m = project(how.camera, transform(how.rectified_T_left, transform(left_T_body, xyz)))
+    rows = np.flatnonzero(in_image(how.camera, uv))
+    rows = rows[np.argsort(-lidar_m[rows], kind="stable")]
+    width, height = how.size_wh
+    uv, lidar_m = np.clip(uv[rows], 0, [width - 1, height - 1]), lidar_m[rows]
     at = np.round(uv).astype(np.int64)
     stereo_m = depth[at[:, 1], at[:, 0]]
     both = np.isfinite(stereo_m) & (lidar_m > _COMPARED_M[0]) & (lidar_m < _COMPARED_M[1])
     error = (stereo_m[both] - lidar_m[both]) / lidar_m[both]
     enough = len(error) >= _MIN_COMPARED
-    return StereoView(
-        _picture(left, depth, uv, lidar_m, pair),
-        float(np.mean(disparity > 0)),
-        len(error),
-        float(np.median(np.abs(error))) if enough else None,
-        float(np.median(error)) if enough else None,
-    )
+    off = float(np.median(np.abs(error))) if enough else None
+    bias = float(np.median(error)) if enough else None
+    picture = _draw_depths(left, depth, uv, lidar_m, pair)
+    return StereoView(picture, float(np.mean(disparity > 0)), len(error), off, bias)
 
 
 def _disparity(left: Pixels, right: Pixels, how: Rectified) -> Float32:
@@ -239,28 +234,11 @@ def _disparity(left: Pixels, right: Pixels, how: Rectified) -> Float32:
         minDisparity=0, numDisparities=num, blockSize=_BLOCK, P1=8 * penalty, P2=32 * penalty, disp12MaxDiff=1,
         preFilterCap=63, uniquenessRatio=15, speckleWindowSize=200, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
-    return np.asarray(matcher.compute(_gray(left), _gray(right)), np.float32) / np.float32(16)
+    gray = [np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8) for pixels in (left, right)]
+    return np.asarray(matcher.compute(*gray), np.float32) / np.float32(16)
 
 
-def _gray(pixels: Pixels) -> Pixels:
-    import cv2
-
-    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
-
-
-def _lidar(sample: Sample, pair: Pair, how: Rectified) -> tuple[Float64, Float64]:
-    """Pixels (N, 2) and depths (N,) [m] of all LiDAR points in the rectified left image, the farthest first."""
-    points = sample.placed("lidar")
-    xyz = np.concatenate([p.xyz for p in points]) if points else np.zeros((0, 3))
-    left_T_body = inverse(sample.rig.body_T_sensor(pair.left))
-    uv, depth = project(how.camera, transform(how.rectified_T_left, transform(left_T_body, xyz)))
-    rows = np.flatnonzero(in_image(how.camera, uv))
-    rows = rows[np.argsort(-depth[rows], kind="stable")]
-    width, height = how.size_wh
-    return np.clip(uv[rows], 0, [width - 1, height - 1]), depth[rows]
-
-
-def _picture(left: Pixels, depth: Float64, uv: Float64, lidar_m: Float64, pair: Pair) -> Pixels:
+def _draw_depths(left: Pixels, depth: Float64, uv: Float64, lidar_m: Float64, pair: Pair) -> Pixels:
     """Rectified image with LiDAR on the left, depth by stereo on the right, both in the same colors."""
     colors = of_depth(depth.reshape(-1)).reshape(*depth.shape, 3)
     colors[np.isnan(depth)] = 0

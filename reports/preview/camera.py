@@ -1,6 +1,5 @@
 """Camera images with what other sensors measured."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,10 @@ from fbench.reports.preview import draw
 from fbench.reports.preview.draw import FAR_M, INK, MAX_SPEED_MPS, NEAR_M, TRUTH, TRUTH_2D, Colors, of_depth, of_speed
 from fbench.reports.preview.sample import Sample
 
+MAX_WIDTH_PX = 1280
+_MIN_WIDTH_PX, _ZOOM_WIDTH_PX = 960, 640
 _MANY, _FEW = 20_000, 4_000
+_TITLES = {"lidar": "LiDAR by depth", "radar": "radar by speed"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,32 +31,19 @@ class Layer:
 
 
 def layer(sample: Sample, camera: str, kind: Kind) -> Layer:
-    """Points of all placed sensors of one kind that lie in the image of a camera. Raises LogError where the lens
-    distortion of the camera isn't modeled.
-    """
+    """Points of the placed sensors of a kind in an image. Raises LogError for a lens whose distortion isn't modeled."""
     points = sample.placed(kind)
-    xyz = np.concatenate([p.xyz for p in points]) if points else np.zeros((0, 3))
-    speed = np.concatenate([p.speed_mps for p in points]) if points else np.zeros(0)
+    xyz = np.concatenate([np.zeros((0, 3)), *(p.xyz for p in points)])
+    speed = np.concatenate([np.zeros(0), *(p.speed_mps for p in points)])
     uv, depth = project_body(sample.rig, camera, xyz)
     rows = np.flatnonzero(in_image(sample.rig.cameras[camera], uv))
     rows = rows[np.argsort(-depth[rows], kind="stable")]
     uv, depth, speed = uv[rows], depth[rows], speed[rows]
     if kind == "radar":
         return Layer(uv, depth, np.clip(np.round(40 / depth**0.75), 3, 11), of_speed(speed))
-    return Layer(uv, depth, _radii(depth), of_depth(depth))
-
-
-def _radii(depth_m: Float64) -> Float64:
-    share = np.clip((_MANY - len(depth_m)) / (_MANY - _FEW), 0, 1)
-    return np.asarray(np.clip((1 + 1.3 * share) * np.sqrt(15 / depth_m), 1, 6), np.float64)
-
-
-def wires(sample: Sample, camera: str) -> Iterator[Float64]:
-    """Edges of the 3D boxes of the truth as lines (M, 2) of pixels, NaN where they aren't seen. Raises LogError where
-    the lens distortion of the camera isn't modeled.
-    """
-    edges = project_edges(sample.rig, camera, boxes3d(sample.truth))
-    yield from edges.reshape(-1, *edges.shape[2:])
+    share = np.clip((_MANY - len(depth)) / (_MANY - _FEW), 0, 1)
+    radii = np.asarray(np.clip((1 + 1.3 * share) * np.sqrt(15 / depth), 1, 6), np.float64)
+    return Layer(uv, depth, radii, of_depth(depth))
 
 
 def boxes3d(truth: Truth | None) -> Boxes3D:
@@ -71,15 +60,6 @@ def rectangles(truth: Truth | None, camera: str) -> Float64:
     boxes = truth.boxes2d
     wanted = finite(boxes)[0] & (boxes.camera == camera)
     return np.asarray(boxes.xyxy_px[wanted], np.float64)
-
-
-def outlines(rects: Float64) -> Sequence[Float64]:
-    """Closed lines (5, 2) around rectangles (N, 4)."""
-    return [r[[0, 1, 2, 1, 2, 3, 0, 3, 0, 1]].reshape(5, 2) for r in rects]
-
-
-MAX_WIDTH_PX = 1280
-_MIN_WIDTH_PX = 960
 
 
 @dataclass(frozen=True)
@@ -128,10 +108,6 @@ def around(size_wh: tuple[int, int], rect: Float64, width_px: int) -> Window:
     return Window(min(max(left, 0), width - w), min(max(top, 0), height - h), w, h, width_px / w)
 
 
-_TITLES = {"lidar": "LiDAR by depth", "radar": "radar by speed"}
-_ZOOM_WIDTH_PX = 640
-
-
 def bare(sample: Sample, camera: str) -> Pixels:
     """The image alone, with 2D truth."""
     pixels = sample.image(camera)
@@ -143,15 +119,19 @@ def bare(sample: Sample, camera: str) -> Pixels:
 
 
 def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
-    """The image with the points of all LiDARs or radars, and truth. Raises LogError where the lens distortion of the
-    camera isn't modeled.
-    """
+    """LiDARs or radars, and truth, in an image. Raises LogError for a lens whose distortion isn't modeled."""
     found = layer(sample, camera, kind)
     picture = _draw(sample, camera, found, whole(sample.rig.cameras[camera].size_wh), kind == "radar")
     sensors = ", ".join(draw.plain(points.sensor, 20) for points in sample.placed(kind))
     texts = [f"{draw.plain(camera)}: {_TITLES[kind]} ({len(found.uv_px)} points of {sensors})"]
     draw.lines(picture, texts, [INK])
-    _legend(picture, kind)
+    ramp, span = np.linspace(0, 1, 128), np.log(FAR_M / NEAR_M)
+    if kind == "radar":
+        ends = [(0.0, "nearing -10"), (0.5, "0"), (1.0, "+10 receding")]
+        draw.color_bar(picture, of_speed((2 * ramp - 1) * MAX_SPEED_MPS), ends, "radial velocity [m/s]")
+    else:
+        marks = [(float(np.log(d / NEAR_M) / span), str(d)) for d in (2, 5, 10, 20, 40, 80)]
+        draw.color_bar(picture, of_depth(NEAR_M * np.exp(ramp * span)), marks, "depth [m]")
     return picture
 
 
@@ -176,62 +156,40 @@ def _draw(sample: Sample, camera: str, found: Layer, window: Window, rim: bool) 
     grow = np.sqrt(window.scale / whole(sample.rig.cameras[camera].size_wh).scale)
     radii = np.maximum(1, np.round(found.radii_px * grow))
     draw.disks(picture, window.to_picture(found.uv_px), radii, found.colors, rim)
-    for line in wires(sample, camera):
+    edges = project_edges(sample.rig, camera, boxes3d(sample.truth))
+    for line in edges.reshape(-1, *edges.shape[2:]):
         draw.path(picture, window.to_picture(line), TRUTH, rim=True)
     _draw_rectangles(picture, sample, camera, window)
     return picture
 
 
 def _draw_rectangles(picture: Pixels, sample: Sample, camera: str, window: Window) -> None:
-    for outline in outlines(rectangles(sample.truth, camera)):
-        draw.path(picture, window.to_picture(outline), TRUTH_2D, rim=True)
-
-
-def _legend(picture: Pixels, kind: Kind) -> None:
-    ramp = np.linspace(0, 1, 128)
-    if kind == "radar":
-        ends = [(0.0, "nearing -10"), (0.5, "0"), (1.0, "+10 receding")]
-        draw.color_bar(picture, of_speed((2 * ramp - 1) * MAX_SPEED_MPS), ends, "radial velocity [m/s]")
-        return
-    span = np.log(FAR_M / NEAR_M)
-    marks = [(float(np.log(d / NEAR_M) / span), str(d)) for d in (2, 5, 10, 20, 40, 80)]
-    draw.color_bar(picture, of_depth(NEAR_M * np.exp(ramp * span)), marks, "depth [m]")
+    for rect in rectangles(sample.truth, camera):
+        draw.path(picture, window.to_picture(rect[draw.OUTLINE].reshape(5, 2)), TRUTH_2D, rim=True)
 
 
 def _interesting(sample: Sample, camera: str, found: Layer) -> Float64 | None:
     """Rectangle [px] that is worth a closer look: nearest truth that is wholly seen with points in it, else the region
     with most points between 5 and 40 m.
     """
-    size_wh = sample.rig.cameras[camera].size_wh
+    width, height = sample.rig.cameras[camera].size_wh
     rects, seen = project_boxes(sample.rig, camera, boxes3d(sample.truth))
     distance = np.sqrt(np.sum(boxes3d(sample.truth).center_m ** 2, axis=1))
     candidates = [rects[i] for i in np.argsort(distance, kind="stable") if seen[i]]
+    for rect in candidates:
+        num_inside = np.count_nonzero(np.all((found.uv_px >= rect[:2]) & (found.uv_px <= rect[2:]), axis=1))
+        if num_inside >= 3 and (rect[:2] > 0).all() and rect[2] < width - 1 and rect[3] < height - 1:
+            return np.asarray(rect, np.float64)
     if candidates:
-        wanted = [r for r in candidates if _num_inside(found, r) >= 3 and _is_whole(r, size_wh)]
-        return np.asarray((wanted or candidates)[0], np.float64)
+        return np.asarray(candidates[0], np.float64)
     flat = rectangles(sample.truth, camera)
     if len(flat):
         area = (flat[:, 2] - flat[:, 0]) * (flat[:, 3] - flat[:, 1])
         return np.asarray(flat[np.argsort(-area, kind="stable")[0]], np.float64)
-    return _densest(found, size_wh)
-
-
-def _num_inside(found: Layer, rect: Float64) -> int:
-    inside = np.all((found.uv_px >= rect[:2]) & (found.uv_px <= rect[2:]), axis=1)
-    return int(np.count_nonzero(inside))
-
-
-def _is_whole(rect: Float64, size_wh: tuple[int, int]) -> bool:
-    """Tell whether a rectangle doesn't touch the border of the image."""
-    return bool((rect[:2] > 0).all() and rect[2] < size_wh[0] - 1 and rect[3] < size_wh[1] - 1)
-
-
-def _densest(found: Layer, size_wh: tuple[int, int]) -> Float64 | None:
     wanted = (found.depth_m > 5) & (found.depth_m < 40)
     uv = found.uv_px[wanted] if wanted.any() else found.uv_px
     if not len(uv):
         return None
-    width, height = size_wh
     counts, us, vs = np.histogram2d(uv[:, 0], uv[:, 1], bins=(12, 6), range=((-0.5, width - 0.5), (-0.5, height - 0.5)))
     column, row = np.unravel_index(int(np.argmax(counts)), counts.shape)
     return np.array([us[column], vs[row], us[column + 1], vs[row + 1]], np.float64)

@@ -3,8 +3,8 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -16,8 +16,8 @@ from fbench.replay.contracts.protocols import Reader
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import Pixels
-from fbench.replay.data.messages import Message, Pose, Tick, Truth
-from fbench.replay.data.rig import Kind, LogInfo, Mount, Rig, RigChange
+from fbench.replay.data.messages import Message, Pose, Truth
+from fbench.replay.data.rig import Mount, Rig, RigChange
 from fbench.replay.engine.clock import VirtualClock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
@@ -25,7 +25,11 @@ from fbench.replay.engine.frames import FrameStream
 from fbench.replay.geometry.transforms import inverse
 from fbench.replay.logs.partial_rig import PartialRig
 from fbench.replay.logs.setup import StampParams
+from fbench.reports.html.records import positive
 from fbench.reports.preview.sample import Arrival, Instant, Material, Sample
+
+T = TypeVar("T")
+MAX_TIMES = 1000  # So many instants and arrivals at least are kept for the panel of times, where the log has as many
 
 
 @dataclass(frozen=True)
@@ -90,15 +94,9 @@ class Content:
         return [*self.measured, *(picture for frame in self.frames for picture in frame.pictures)]
 
 
-_PNG_LEVEL = 6
-
-
 class Album:
-    """Writes pictures into a folder, under names that are safe whatever sensors are called.
-
-    Args:
-        folder: An existing one.
-        names: All sensors; a sensor's number in their order keeps file names apart.
+    """Writes pictures into an existing folder, under names that are safe whatever sensors are called: the number of a
+    sensor in the order of all `names` keeps them apart.
     """
 
     def __init__(self, folder: Path, names: Sequence[str]) -> None:
@@ -108,7 +106,7 @@ class Album:
         """Write one picture."""
         import cv2
 
-        ok, data = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL])
+        ok, data = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 6])
         if not ok:
             raise DecodeError(f"picture {stem} of shape {pixels.shape} can't be encoded")
         (self._folder / f"{stem}.png").write_bytes(np.asarray(data).tobytes())
@@ -117,9 +115,6 @@ class Album:
     def stem(self, sensor: str) -> str:
         """Part of a file name for a sensor: its number, and what is safe of its name."""
         return f"{self._names.index(sensor)}-{re.sub(r'[^A-Za-z0-9_]+', '-', sensor)[:40]}".rstrip("-")
-
-
-T = TypeVar("T")
 
 
 class Spread(Generic[T]):
@@ -156,10 +151,6 @@ class Spread(Generic[T]):
         return [self._kept[(i * last + steps // 2) // steps] for i in range(self._num)]
 
 
-MAX_TIMES = 1000  # So many instants and arrivals at least are kept for the panel of times, where the log has as many
-_PERIOD = "velocity_period_mps"
-
-
 @dataclass(frozen=True)
 class PreviewRequest:
     """Which frames are wanted, and how they are put together."""
@@ -177,37 +168,46 @@ def collect(
     faults: FaultLog,
     progress: Callable[[int], None] = lambda n: None,
 ) -> Material:
-    """Read a log, or the wanted frames of it.
-
-    Args:
-        reader: The log; its own rig isn't used, since it may be incomplete.
-        partial: What is known of the rig.
-        request: Which frames.
-        faults: Where faults are counted.
-        progress: Told how many frames are read.
-
-    Raises:
-        ConfigError: where the reference or a sensor with an offset isn't in the log.
-        LogError: where there are no frames.
+    """Read a log, or the wanted frames of it. The reader's own rig isn't used, since it may be incomplete; `partial` is
+    what is known of it. `progress` gets how many frames are read. Raises ConfigError where the reference or a sensor
+    with an offset isn't in the log. Raises LogError where there are no frames.
     """
     log = _Observed(reader, partial, request.stamps)
     stream = FrameStream(log, request.sync, request.stamps, request.excerpt, VirtualClock(), faults)
-    kept = _Kept(request.num)
-    for num, frame in enumerate(stream.frames(log), 1):
-        kept.add(frame, _place(stream.rig, partial))
-        progress(num)
+    kept, instants = Spread[Sample](request.num), Spread[Instant](MAX_TIMES)
+    missing: dict[str, Counter[str]] = {}
+    num_frames, last = 0, None
+    for num_frames, frame in enumerate(stream.frames(log), 1):
+        # Take back the places that were made up.
+        unknown = [n for n in stream.rig.mounts if n in partial.problems and n not in partial.rig.mounts]
+        rig = stream.rig.without(unknown) if unknown else stream.rig
+        kept.offer(Sample(frame, rig, ego_mps=None if last is None else _forward_mps(last, frame)))
+        last = frame
+        stamps = {name: message.stamp_ns for name, message in sorted(frame.messages.items())}
+        instants.offer(Instant(frame.index, frame.stamp_ns, stamps))
+        for sensor, reason in frame.missing.items():
+            missing.setdefault(sensor, Counter())[reason] += 1
+        progress(num_frames)
     stream.require_frames(reader.info.name)
-    truths = _Truths({sample.frame.index for sample in kept.samples.chosen})
+    wanted = {sample.frame.index for sample in kept.chosen}
+    truths: dict[int, Truth] = {}
+    num_labeled = 0
     for index, truth in stream.labels(log):
-        truths.add(index, truth)
-    drawn = {s.frame.index: s.with_truth(truths.kept.get(s.frame.index)) for s in kept.samples.chosen}
+        num_labeled += 1
+        if index in wanted:
+            truths[index] = truth
+    # Periods of radial velocities that the log's metadata state, of one radar or of all.
+    metadata = reader.info.metadata
+    every = metadata.get("radar.velocity_period_mps", "")
+    radars = sorted(name for name, kind in partial.kinds.items() if kind == "radar")
+    periods = {name: positive(metadata.get(f"radar.{name}.velocity_period_mps", every)) for name in radars}
+    drawn = {s.frame.index: replace(s, truth=truths.get(s.frame.index)) for s in kept.chosen}
     return Material(
         reader.info, partial.kinds, partial.rig, partial.problems, stream.reference,
-        list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.samples.kept],
-        kept.num_frames, truths.num, kept.instants.kept,
+        list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.kept], num_frames, num_labeled, instants.kept,
         {name: arrivals.kept for name, arrivals in sorted(log.arrivals.items())}, dict(sorted(log.counts.items())),
-        {name: dict(sorted(why.items())) for name, why in sorted(kept.missing.items())},
-        _periods(reader.info, partial.kinds),
+        {name: dict(sorted(why.items())) for name, why in sorted(missing.items())},
+        {name: period for name, period in periods.items() if period},
     )  # fmt: skip
 
 
@@ -220,6 +220,7 @@ class _Observed:
         unknown = {name: Mount(kind, here, upright) for name, kind in partial.kinds.items()}
         self.rig = Rig({**unknown, **partial.rig.mounts}, partial.rig.cameras)
         self.info, self.num_messages, self.poses = reader.info, reader.num_messages, reader.poses
+        self.events, self.truths = reader.events, reader.truths
         self.arrivals: dict[str, Spread[Arrival]] = {}
         self.counts: Counter[str] = Counter()
 
@@ -232,79 +233,14 @@ class _Observed:
                 self.counts[message.sensor] += 1
             yield message
 
-    def events(self) -> Iterator[Message | RigChange | Tick]:
-        return self._reader.events()
 
-    def truths(self) -> Iterator[Truth]:
-        return self._reader.truths()
-
-
-def _place(rig: Rig, partial: PartialRig) -> Rig:
-    """Take back the places that were made up."""
-    unknown = [name for name in rig.mounts if name in partial.problems and name not in partial.rig.mounts]
-    return rig.without(unknown) if unknown else rig
-
-
-class _Kept:
-    """What is kept of the frames."""
-
-    def __init__(self, num: int) -> None:
-        self.samples: Spread[Sample] = Spread(num)
-        self.instants: Spread[Instant] = Spread(MAX_TIMES)
-        self.missing: dict[str, Counter[str]] = {}
-        self.num_frames = 0
-        self._ego = _EgoSpeed()
-
-    def add(self, frame: Frame, rig: Rig) -> None:
-        self.num_frames += 1
-        self.samples.offer(Sample(frame, rig, ego_mps=self._ego.of(frame)))
-        stamps = {name: message.stamp_ns for name, message in sorted(frame.messages.items())}
-        self.instants.offer(Instant(frame.index, frame.stamp_ns, stamps))
-        for sensor, reason in frame.missing.items():
-            self.missing.setdefault(sensor, Counter())[reason] += 1
-
-
-class _Truths:
-    """What is kept of the truth."""
-
-    def __init__(self, wanted: set[int]) -> None:
-        self._wanted, self.num = wanted, 0
-        self.kept: dict[int, Truth] = {}
-
-    def add(self, index: int, truth: Truth) -> None:
-        self.num += 1
-        if index in self._wanted:
-            self.kept[index] = truth
-
-
-class _EgoSpeed:
-    """Forward speed from the poses of two frames."""
-
-    def __init__(self) -> None:
-        self._last: tuple[int, Pose] | None = None
-
-    def of(self, frame: Frame) -> float | None:
-        """Speed [m/s] since the frame before; `None` where that isn't known."""
-        pose = next((m for _, m in sorted(frame.messages.items()) if isinstance(m, Pose)), None)
-        last, self._last = self._last, None if pose is None else (frame.segment, pose)
-        if pose is None or last is None or last[0] != frame.segment or pose.stamp_ns <= last[1].stamp_ns:
-            return None
-        moved_m: Float64 = inverse(pose.world_T_body)[:3, :3] @ (pose.translation_m - last[1].translation_m)
-        speed = float(moved_m[0]) / ((pose.stamp_ns - last[1].stamp_ns) / 1e9)
-        return speed if math.isfinite(speed) else None
-
-
-def _periods(info: LogInfo, kinds: Mapping[str, Kind]) -> dict[str, float]:
-    """Periods [m/s] that the log's metadata state, of one radar or of all."""
-    radars = sorted(name for name, kind in kinds.items() if kind == "radar")
-    texts = {n: info.metadata.get(f"radar.{n}.{_PERIOD}", info.metadata.get(f"radar.{_PERIOD}", "")) for n in radars}
-    return {name: period for name, text in texts.items() if (period := _positive(text))}
-
-
-def _positive(text: str) -> float:
-    """Return 0 where `text` is no positive number."""
-    try:
-        value = float(text)
-    except ValueError:
-        return 0.0
-    return value if math.isfinite(value) and value > 0 else 0.0
+def _forward_mps(before: Frame, frame: Frame) -> float | None:
+    """Forward speed from the poses of two frames [m/s]; `None` where that isn't known."""
+    last, pose = (
+        next((m for _, m in sorted(f.messages.items()) if isinstance(m, Pose)), None) for f in (before, frame)
+    )
+    if last is None or pose is None or before.segment != frame.segment or pose.stamp_ns <= last.stamp_ns:
+        return None
+    moved_m: Float64 = inverse(pose.world_T_body)[:3, :3] @ (pose.translation_m - last.translation_m)
+    speed = float(moved_m[0]) / ((pose.stamp_ns - last.stamp_ns) / 1e9)
+    return speed if math.isfinite(speed) else None

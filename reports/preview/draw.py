@@ -22,8 +22,10 @@ TRUTH: Color = (90, 255, 90)
 TRUTH_2D: Color = (255, 230, 60)
 CURVE: Color = (60, 210, 255)
 WARN: Color = (70, 90, 255)
+OUTLINE = [0, 1, 2, 1, 2, 3, 0, 3, 0, 1]  # Of a rectangle (left, top, right, bottom): a closed line of five points
 NEAR_M, FAR_M = 2.0, 80.0
 MAX_SPEED_MPS = 10.0
+_FONT, _SCALE = 0, 0.42
 _CYCLE: tuple[Color, ...] = (
     (235, 206, 135), (80, 175, 250), (140, 220, 120), (220, 130, 230), (90, 235, 235), (150, 150, 250), (230, 170, 90),
     (190, 220, 190), (120, 120, 220), (210, 210, 90), (170, 110, 250), (110, 190, 170),
@@ -59,16 +61,12 @@ def of_speed(speed_mps: Float64) -> Colors:
     return colors.astype(np.uint8)
 
 
-_FONT, _SCALE = 0, 0.42
-_MAX_NAME = 36
-
-
 def canvas(width: int, height: int) -> Pixels:
     """Return an empty picture."""
     return np.full((height, width, 3), BACKGROUND, np.uint8)
 
 
-def plain(name: str, length: int = _MAX_NAME) -> str:
+def plain(name: str, length: int = 36) -> str:
     """A name as pictures can show it: printable ASCII, not too long."""
     text = "".join(c if " " <= c <= "~" else "?" for c in name)
     return text if len(text) <= length else f"{text[: length - 3]}..."
@@ -113,22 +111,17 @@ def disks(picture: Pixels, uv: Float64, radii: Array, colors: Colors, rim: bool 
     height, width = picture.shape[:2]
     inside = (uv[:, 0] >= -0.5) & (uv[:, 0] < width - 0.5) & (uv[:, 1] >= -0.5) & (uv[:, 1] < height - 0.5)
     if not rim and len(radii) and float(radii.max()) <= 1:
-        _crosses(picture, np.round(uv[inside]).astype(np.int64), colors[inside])
+        at, colors = np.round(uv[inside]).astype(np.int64), colors[inside]
+        for du, dv in ((0, -1), (-1, 0), (1, 0), (0, 1), (0, 0)):  # many: five pixels each, their middles last
+            u, v = at[:, 0] + du, at[:, 1] + dv
+            there = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+            picture[v[there], u[there]] = colors[there]
         return
     places = np.round(uv[inside]).astype(int).tolist()
     for place, radius, color in zip(places, radii[inside].tolist(), colors[inside].tolist(), strict=True):
         if rim:
             cv2.circle(picture, place, int(radius) + 1, (0, 0, 0), -1, cv2.LINE_AA)
         cv2.circle(picture, place, int(radius), color, -1, cv2.LINE_AA if rim else cv2.LINE_8)
-
-
-def _crosses(picture: Pixels, at: Array, colors: Colors) -> None:
-    """Draw disks of radius 1, which are many: five pixels each, their middles last."""
-    height, width = picture.shape[:2]
-    for du, dv in ((0, -1), (-1, 0), (1, 0), (0, 1), (0, 0)):
-        u, v = at[:, 0] + du, at[:, 1] + dv
-        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-        picture[v[inside], u[inside]] = colors[inside]
 
 
 def path(picture: Pixels, uv: Float64, color: Color, thickness: int = 1, rim: bool = False) -> None:

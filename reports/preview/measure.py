@@ -6,31 +6,29 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import Pixels
 from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrap_velocity
-from fbench.replay.geometry.stereo_pairs import Pair, Rectified, pairs, rectify
+from fbench.replay.geometry.stereo_pairs import pairs, rectify
 from fbench.reports.preview import draw
-from fbench.reports.preview.alignment import StereoView, align, edges_of, edges_view, stereo_view
+from fbench.reports.preview.alignment import align, edges_of, edges_view, stereo_view
 from fbench.reports.preview.collect import Album, Shown, Verdict
 from fbench.reports.preview.draw import CURVE, of_speed
-from fbench.reports.preview.sample import Material, Points, Sample
+from fbench.reports.preview.sample import Material, Sample
 from fbench.reports.preview.times import Axes, SensorTimes, span_axes, time_panel
 from fbench.reports.preview.views import mounting
 
 _COLUMNS, _CELL = 3, (426, 270)
 _MOVING_MPS = 0.5
 _MIN_SHARE = 0.3
-
-
-@dataclass(frozen=True)
-class DopplerVerdict:
-    """What the velocities of one radar say."""
-
-    radar: str
-    text: str
-    is_bad: bool
+_NEAR_M, _FAR_M = 25.0, 150.0
+"""Nearer boxes should hold points, unless they are hidden; nobody labels what is farther away."""
+_MIDDLE, _WIDER_M = 0.3, 0.5
+"""Points count in this share of a box's height above and below its middle, so that the ground doesn't, and that far
+beside it, since the vehicle moves during a sweep."""
+_SIDE_RAD = 0.1
+_FEW, _MEASURE_MIN_SHARE = 5, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +42,13 @@ class _Scan:
     ego_mps: float | None
 
 
-def check_doppler(
-    samples: Sequence[Sample], radar: str, period_mps: float | None, is_removed: bool = False
-) -> DopplerVerdict:
-    """Judge sign, ego motion and aliasing of a radar's velocities.
-
-    Args:
-        samples: With its scans.
-        radar: Its name.
-        period_mps: With which velocities alias; `None`: as far as is known they don't.
-        is_removed: Whether the log says that velocities don't hold the vehicle's own motion.
+def check_doppler(samples: Sequence[Sample], radar: str, period_mps: float | None, is_removed: bool = False) -> Verdict:
+    """Judge sign, ego motion and aliasing of a radar's velocities, which alias with a period, or as far as is known
+    don't (`None`); `is_removed`: the log says that they don't hold the vehicle's own motion.
     """
     scans = _scans(samples, radar, period_mps)
-    text, is_bad = _is_motion_removed(scans) if is_removed and scans else _verdict(scans, period_mps)
-    return DopplerVerdict(radar, text, is_bad)
+    text, is_bad = _is_motion_removed(scans) if is_removed and scans else _judge(scans, period_mps)
+    return Verdict(radar, "doppler", text, is_bad)
 
 
 def doppler_panel(samples: Sequence[Sample], radar: str, period_mps: float | None) -> Pixels | None:
@@ -76,17 +67,18 @@ def doppler_panel(samples: Sequence[Sample], radar: str, period_mps: float | Non
 
 
 def _scans(samples: Sequence[Sample], radar: str, period_mps: float | None) -> list[_Scan]:
-    found = [(sample, points) for sample in samples for points in sample.placed("radar") if points.sensor == radar]
-    return [_scan(sample, points, period_mps) for sample, points in found if np.isfinite(points.speed_mps).any()]
-
-
-def _scan(sample: Sample, points: Points, period_mps: float | None) -> _Scan:
-    seen = points.xyz - sample.rig.body_T_sensor(points.sensor)[:3, 3]
-    distance = np.sqrt(np.sum(seen**2, axis=1))
-    rows = (distance > 0.5) & np.isfinite(points.speed_mps)
-    directions, speed = seen[rows] / distance[rows, None], points.speed_mps[rows]
-    azimuth = np.arctan2(directions[:, 1], directions[:, 0])
-    return _Scan(sample.frame.index, azimuth, speed, fit_ego(directions, speed, period_mps), sample.ego_mps)
+    scans = []
+    for sample in samples:
+        for points in sample.placed("radar"):
+            if points.sensor == radar and np.isfinite(points.speed_mps).any():
+                seen = points.xyz - sample.rig.body_T_sensor(radar)[:3, 3]
+                distance = np.sqrt(np.sum(seen**2, axis=1))
+                rows = (distance > 0.5) & np.isfinite(points.speed_mps)
+                directions, speed = seen[rows] / distance[rows, None], points.speed_mps[rows]
+                azimuth = np.arctan2(directions[:, 1], directions[:, 0])
+                fit = fit_ego(directions, speed, period_mps)
+                scans.append(_Scan(sample.frame.index, azimuth, speed, fit, sample.ego_mps))
+    return scans
 
 
 def _draw_scan(picture: Pixels, axes: Axes, scan: _Scan, period_mps: float | None) -> None:
@@ -105,13 +97,11 @@ def _draw_scan(picture: Pixels, axes: Axes, scan: _Scan, period_mps: float | Non
     axes.dots(picture, xy, of_speed(scan.speed_mps), 2)
 
 
-def _verdict(scans: Sequence[_Scan], period_mps: float | None) -> tuple[str, bool]:
+def _judge(scans: Sequence[_Scan], period_mps: float | None) -> tuple[str, bool]:
     fits = [scan.fit for scan in scans if scan.fit is not None]
     if not scans:
-        return (
-            "no radial velocities: radar3d can't tell what moves, and takes strong clusters of a vehicle's size",
-            False,
-        )
+        why = "radar3d can't tell what moves, and takes strong clusters of a vehicle's size"
+        return f"no radial velocities: {why}", False
     if not fits:
         return "too few points to judge the velocities", False
     if (period := _unknown_period(scans)) if period_mps is None else 0.0:
@@ -150,10 +140,14 @@ def _still(ego: float | None) -> tuple[str, bool]:
 
 def _moving(speed: float, ego: float | None, agree: str, is_clear: bool) -> tuple[str, bool]:
     """Judge the sign."""
+
+    def way(speed: float) -> str:
+        return "forward" if speed > 0 else "backwards"
+
     flip = "the sign is the other way round: change doppler in fbench.toml"
-    found = f"stationary points say that the vehicle drives {_way(speed)} at {abs(speed):.1f} m/s ({agree})"
+    found = f"stationary points say that the vehicle drives {way(speed)} at {abs(speed):.1f} m/s ({agree})"
     if ego is not None and abs(ego) > 1.5:
-        told = f"its poses say {_way(ego)} at {abs(ego):.1f} m/s"
+        told = f"its poses say {way(ego)} at {abs(ego):.1f} m/s"
         if speed * ego < 0 and abs(speed + ego) < max(2.0, 0.3 * abs(ego)):
             return f"{found}, {told}: {flip}", True
         near = abs(speed - ego) < max(1.0, 0.2 * abs(ego))
@@ -161,10 +155,6 @@ def _moving(speed: float, ego: float | None, agree: str, is_clear: bool) -> tupl
     if not is_clear:
         return f"{found}; because of aliasing the other direction fits about as well, so look at the curves", False
     return (f"{found}; unless it does, {flip}", True) if speed < 0 else (found, False)
-
-
-def _way(speed: float) -> str:
-    return "forward" if speed > 0 else "backwards"
 
 
 def _unknown_period(scans: Sequence[_Scan]) -> float:
@@ -181,62 +171,39 @@ def _unknown_period(scans: Sequence[_Scan]) -> float:
     return 2 * top if gains and float(np.median(gains)) > 0.2 else 0.0
 
 
-_NEAR_M, _FAR_M = 25.0, 150.0
-"""Nearer boxes should hold points, unless they are hidden; nobody labels what is farther away."""
-_MIDDLE, _WIDER_M = 0.3, 0.5
-"""Points count in this share of a box's height above and below its middle, so that the ground doesn't, and that far
-beside it, since the vehicle moves during a sweep."""
-_SIDE_RAD = 0.1
-_FEW, _MEASURE_MIN_SHARE = 5, 0.5
-
-
-@dataclass(frozen=True)
-class Labels:
-    """What is found."""
-
-    text: str
-    is_bad: bool
-
-
-def check_labels(samples: Sequence[Sample]) -> Labels | None:
+def check_labels(samples: Sequence[Sample]) -> Verdict | None:
     """Count the boxes that hold points, among those near the body in whose direction a LiDAR sees something."""
-    pairs = [(_labeled_points(s), _points(s)) for s in samples]
-    away = [np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1]) for boxes, _ in pairs if len(boxes)]
-    if away and (nearest := float(np.min(np.concatenate(away)))) > _FAR_M:
-        num = sum(len(part) for part in away)
-        text = f"the nearest of {num} boxes is {nearest:.0f} m away: wrong coordinate frame, or poses of another one?"
-        return Labels(text, True)
-    hit = np.concatenate([np.zeros(0, np.bool_), *(_hits(boxes, xyz) for boxes, xyz in pairs)])
-    if len(hit) < _FEW:
+    away, hits = [np.zeros(0)], []
+    for sample in samples:
+        truth = sample.truth
+        if truth is None or truth.boxes3d is None or truth.in_world:
+            continue
+        boxes = truth.boxes3d if truth.boxes3d.ignore is None else truth.boxes3d[~truth.boxes3d.ignore]
+        away.append(np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1]))
+        hits += _hits(boxes, np.concatenate([np.zeros((0, 3)), *(points.xyz for points in sample.placed("lidar"))]))
+    distance_m = np.concatenate(away)
+    if len(distance_m) and (nearest := float(np.min(distance_m))) > _FAR_M:
+        why = "wrong coordinate frame, or poses of another one?"
+        text = f"the nearest of {len(distance_m)} boxes is {nearest:.0f} m away: {why}"
+        return Verdict("3D boxes", "truth", text, True)
+    if len(hits) < _FEW:
         return None
-    text = f"{int(hit.sum())} of {len(hit)} boxes within {_NEAR_M:g} m hold LiDAR points above the ground"
-    is_bad = bool(hit.mean() <= _MEASURE_MIN_SHARE)
-    return Labels(text + (": wrong coordinate frame, stamps or sizes?" if is_bad else ""), is_bad)
+    text = f"{sum(hits)} of {len(hits)} boxes within {_NEAR_M:g} m hold LiDAR points above the ground"
+    is_bad = sum(hits) / len(hits) <= _MEASURE_MIN_SHARE
+    return Verdict("3D boxes", "truth", text + (": wrong coordinate frame, stamps or sizes?" if is_bad else ""), is_bad)
 
 
-def _labeled_points(sample: Sample) -> Boxes3D:
-    truth = sample.truth
-    if truth is None or truth.boxes3d is None or truth.in_world:
-        return Boxes3D(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    boxes = truth.boxes3d
-    return boxes if boxes.ignore is None else boxes[~boxes.ignore]
-
-
-def _points(sample: Sample) -> Float64:
-    return np.concatenate([np.zeros((0, 3)), *(points.xyz for points in sample.placed("lidar"))])
-
-
-def _hits(boxes: Boxes3D, xyz: Float64) -> Bool:
+def _hits(boxes: Boxes3D, xyz: Float64) -> list[bool]:
     """Whether points are inside, of each box that can be judged."""
-    azimuth, found = np.arctan2(xyz[:, 1], xyz[:, 0]), []
+    azimuth, hits = np.arctan2(xyz[:, 1], xyz[:, 0]), []
     for center, size, yaw in zip(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, strict=True):
         beside = np.abs(np.angle(np.exp(1j * (azimuth - np.arctan2(center[1], center[0]))))) < _SIDE_RAD
         if np.hypot(center[0], center[1]) < _NEAR_M and beside.any():
             x, y, z = (xyz - center).T
             ahead, left = np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x
             inside = (np.abs(ahead) < size[0] / 2 + _WIDER_M) & (np.abs(left) < size[1] / 2 + _WIDER_M)
-            found.append(bool(np.any(inside & (np.abs(z) < _MIDDLE * size[2]))))
-    return np.array(found, np.bool_)
+            hits.append(bool(np.any(inside & (np.abs(z) < _MIDDLE * size[2]))))
+    return hits
 
 
 @dataclass
@@ -249,28 +216,30 @@ class Measured:
     verdicts: list[Verdict] = field(default_factory=list)
     gaps: list[str] = field(default_factory=list)
 
+    def _show(self, stem: str, pixels: Pixels, caption: str, alt: str) -> None:
+        self.shown.append(self.album.add(stem, pixels, caption, alt))
+
     def times(self, times: Sequence[SensorTimes]) -> None:
         """Draw the panel of times; remarks become verdicts."""
         text = (
             "Above, how far each message lies from the instant of its frame; below, how much later it was recorded. An "
             "offset shifts a line, a drift tilts it, a message that is in no frame shows only below."
         )
-        self.shown.append(self.album.add("times", time_panel(self.material), text, "Times of all sensors"))
+        self._show("times", time_panel(self.material), text, "Times of all sensors")
         self.verdicts += [Verdict(t.sensor, "time", remark, True) for t in times for remark in t.remarks]
 
     def mounting(self) -> None:
         """Draw the rig."""
         if self.material.rig.mounts:
             text = "Where sensors sit and look; red is x, green is y of each sensor's own axes."
-            self.shown.append(self.album.add("rig", mounting(self.material.rig), text, "The rig from above"))
+            self._show("rig", mounting(self.material.rig), text, "The rig from above")
 
     def doppler(self) -> None:
         """Draw and judge the velocities of each radar whose place is known."""
         for radar in self.material.rig.sensors("radar"):
             period = self.material.periods_mps.get(radar)
             is_removed = self.material.info.metadata.get(f"radar.{radar}.ego_motion") == "removed"
-            found = check_doppler(self.material.kept, radar, period, is_removed)
-            self.verdicts.append(Verdict(radar, "doppler", found.text, found.is_bad))
+            self.verdicts.append(check_doppler(self.material.kept, radar, period, is_removed))
             panel = doppler_panel(self.material.samples, radar, period)
             if panel is not None:
                 aliased = "" if period is None else f" Velocities alias with a period of {period:g} m/s."
@@ -278,20 +247,16 @@ class Measured:
                     f"{radar}: stationary objects must lie on the yellow curve. Driving forward it sags in front; "
                     f"upside down the sign is wrong, flat at 0 the vehicle's own motion is removed.{aliased}"
                 )
-                stem = f"doppler-{self.album.stem(radar)}"
-                self.shown.append(self.album.add(stem, panel, text, f"Radial velocity over azimuth of {radar}"))
+                self._show(f"doppler-{self.album.stem(radar)}", panel, text, f"Radial velocity over azimuth of {radar}")
 
     def labels(self) -> None:
         """Judge where truth is."""
-        found = check_labels(self.material.samples)
-        if found is not None:
-            self.verdicts.append(Verdict("3D boxes", "truth", found.text, found.is_bad))
+        if (verdict := check_labels(self.material.samples)) is not None:
+            self.verdicts.append(verdict)
 
     def alignment(self) -> None:
         """Draw and judge how LiDARs fit each camera."""
-        if not self.material.rig.sensors("lidar"):
-            return
-        for camera in self.material.rig.sensors("camera"):
+        for camera in self.material.rig.sensors("camera") if self.material.rig.sensors("lidar") else ():
             try:
                 found = align(self.material.kept, camera)
             except LogError as error:
@@ -303,41 +268,34 @@ class Measured:
             if sample is not None:
                 text = f"{camera}: {found.verdict}. Colored jumps of depth must lie on bright edges of the image."
                 stem = f"edges-{self.album.stem(camera)}"
-                self.shown.append(self.album.add(stem, edges_view(sample, camera), text, f"Edges in {camera}"))
+                self._show(stem, edges_view(sample, camera), text, f"Edges in {camera}")
 
     def stereo(self) -> dict[int, list[Shown]]:
         """Draw and judge stereo pairs; returns the pictures by frame."""
-        views: dict[int, list[Shown]] = {}
+        pictures: dict[int, list[Shown]] = {}
         for pair in pairs(self.material.rig):
             try:
                 how = rectify(self.material.rig, pair)
             except LogError as error:
                 self.gaps.append(str(error))
                 continue
-            found = [
-                (s, stereo_view(s, pair, how))
-                for s in self.material.samples
-                if (pair.left in s.cameras and pair.right in s.cameras)
-            ]
-            self._judge_stereo(pair, how, [view for _, view in found])
-            for sample, view in found:
+            both = [s for s in self.material.samples if pair.left in s.cameras and pair.right in s.cameras]
+            if not both:
+                self.gaps.append(f"stereo of {pair.left} and {pair.right}: no frame has both images")
+                continue
+            views = [stereo_view(sample, pair, how) for sample in both]
+            share = sum(view.found_share for view in views) / len(views)
+            text = f"baseline {how.baseline_m:.3f} m, depth for {share:.0%} of the pixels"
+            errors = sorted(view.median_error for view in views if view.median_error is not None)
+            biases = sorted(view.median_bias for view in views if view.median_bias is not None)
+            is_bad = share < 0.2
+            if errors:
+                off, bias = errors[len(errors) // 2], biases[len(biases) // 2]
+                text += f", median relative difference from LiDAR {off:.1%} (bias {bias:+.1%})"
+                is_bad = is_bad or off > 0.1
+            self.verdicts.append(Verdict(f"{pair.left} + {pair.right}", "stereo", text, is_bad))
+            for sample, view in zip(both, views, strict=True):
                 index, text = sample.frame.index, f"Stereo of {pair.left} and {pair.right}: {view.caption}."
                 stem = f"{index:06d}-{self.album.stem(pair.left)}-stereo-{self.album.stem(pair.right)}"
-                views.setdefault(index, []).append(self.album.add(stem, view.picture, text, "Depth by stereo"))
-        return views
-
-    def _judge_stereo(self, pair: Pair, how: Rectified, found: Sequence[StereoView]) -> None:
-        if not found:
-            self.gaps.append(f"stereo of {pair.left} and {pair.right}: no frame has both images")
-            return
-        about = f"{pair.left} + {pair.right}"
-        share = sum(view.found_share for view in found) / len(found)
-        base = f"baseline {how.baseline_m:.3f} m, depth for {share:.0%} of the pixels"
-        errors = sorted(view.median_error for view in found if view.median_error is not None)
-        biases = sorted(view.median_bias for view in found if view.median_bias is not None)
-        if errors:
-            error, bias = errors[len(errors) // 2], biases[len(biases) // 2]
-            base += f", median relative difference from LiDAR {error:.1%} (bias {bias:+.1%})"
-        self.verdicts.append(
-            Verdict(about, "stereo", base, share < 0.2 or bool(errors and errors[len(errors) // 2] > 0.1))
-        )
+                pictures.setdefault(index, []).append(self.album.add(stem, view.picture, text, "Depth by stereo"))
+        return pictures

@@ -2,19 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.data.images import Pixels
-from fbench.replay.data.rig import KINDS, Kind, Rig
+from fbench.replay.data.rig import KINDS, Kind
 from fbench.replay.geometry.stereo_pairs import pairs
 from fbench.replay.geometry.transforms import yaw_pitch_roll
-from fbench.reports.html.records import visible
+from fbench.reports.html.records import environment, resource
 from fbench.reports.preview import camera, views
 from fbench.reports.preview.camera import boxes3d, rectangles
 from fbench.reports.preview.collect import Album, Content, FrameContent, SensorRow, Shown
@@ -23,43 +20,10 @@ from fbench.reports.preview.sample import Material, Sample
 from fbench.reports.preview.times import SensorTimes, sensor_times
 from fbench.reports.preview.views import Ground, ground_of
 
-
-def sheet(content: Content) -> str:
-    """Return the page as text; all texts are escaped, and it loads nothing but the pictures."""
-    style = files("fbench.reports.html").joinpath("style.css").read_text("utf-8") + _resource("sheet.css")
-    return (
-        _environment()
-        .get_template("sheet.html")
-        .render(
-            content=content,
-            style=Markup(style),  # noqa: S704 - part of the package
-        )
-    )
-
-
-def _resource(name: str) -> str:
-    return files("fbench.reports.preview").joinpath(name).read_text("utf-8")
-
-
-def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.FunctionLoader(_resource),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=_show,
-    )
-
-
-def _show(value: object) -> object:
-    """Make text visible before it is escaped."""
-    return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
-
-
-_NAMES: dict[Kind, str] = {"lidar": "LiDAR", "radar": "radar", "camera": "camera"}
+_PACKAGE = "fbench.reports.preview"
+SHEET = "index.html"
+_NAMES: dict[str, str] = {"lidar": "LiDAR", "radar": "radar", "camera": "camera"}
 _POINTS: tuple[Kind, ...] = ("lidar", "radar")
-_KINDS: dict[str, Kind] = {kind: kind for kind in _POINTS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +56,8 @@ class FramePictures:
         try:
             for kind in kinds or _POINTS[:1]:
                 what = f"{_NAMES[kind]} in {name}"
-                text = f"{what}. {_ages(sample, name, kind)}{_truth(sample, name)}"
+                ages = _ages(sample, [name, *(points.sensor for points in sample.placed(kind))])
+                text = f"{what}. {ages}{_truth(sample, name)}"
                 yield self.album.add(f"{stem}-{kind}", camera.overlay(sample, name, kind), text, what)
             zooms = [z for kind in kinds if (z := camera.zoom(sample, name, kind)) is not None]
         except LogError as error:
@@ -100,14 +65,16 @@ class FramePictures:
             return
         if zooms:
             text = "A closer look at the nearest truth, or else at the densest points."
-            yield self.album.add(f"{stem}-zoom", _side_by_side(zooms), text, f"Part of {name}, enlarged")
+            height = max(z.shape[0] for z in zooms)
+            both = np.concatenate([np.pad(z, ((0, height - z.shape[0]), (0, 0), (0, 0))) for z in zooms], axis=1)
+            yield self.album.add(f"{stem}-zoom", both, text, f"Part of {name}, enlarged")
 
     def _bare(self, sample: Sample, name: str, stem: str, why: str = "") -> Shown:
-        text = f"{name} as recorded. {_ages(sample, name)}{_truth(sample, name)}{why}"
+        text = f"{name} as recorded. {_ages(sample, [name])}{_truth(sample, name)}{why}"
         return self.album.add(stem, camera.bare(sample, name), text, f"Image of {name}")
 
     def _views(self, sample: Sample) -> Iterator[Shown]:
-        ages = _ages(sample, *sorted(p.sensor for p in sample.points if p.is_placed))
+        ages = _ages(sample, sorted(p.sensor for p in sample.points if p.is_placed))
         boxes = len(boxes3d(sample.truth))
         text = f"From above, body coordinates, x forward is up. {ages}{f' {boxes} boxes of truth.' if boxes else ''}"
         index = sample.frame.index
@@ -118,35 +85,19 @@ class FramePictures:
         yield self.album.add(f"{index:06d}-side", side, text, "Points and truth from the side")
 
 
-def _ages(sample: Sample, *names: str) -> str:
-    """How far the messages are from the instant; kinds stand for all their sensors."""
-    wanted = [sensor for name in names for sensor in _sensors(sample, name)]
-    ages = [(sensor, sample.age_ms(sensor)) for sensor in dict.fromkeys(wanted)]
-    told = ", ".join(f"{sensor} {age:+.1f} ms" for sensor, age in ages if age is not None)
-    return f"Measured after the frame's instant: {told}." if told else ""
-
-
-def _sensors(sample: Sample, name: str) -> list[str]:
-    kind = _KINDS.get(name)
-    return [name] if kind is None else [points.sensor for points in sample.placed(kind)]
+def _ages(sample: Sample, names: Sequence[str]) -> str:
+    """How far the messages of sensors are from the instant."""
+    ages = [(sensor, sample.age_ms(sensor)) for sensor in dict.fromkeys(names)]
+    texts = ", ".join(f"{sensor} {age:+.1f} ms" for sensor, age in ages if age is not None)
+    return f"Measured after the frame's instant: {texts}." if texts else ""
 
 
 def _truth(sample: Sample, name: str) -> str:
-    flat = len(rectangles(sample.truth, name))
-    full = len(boxes3d(sample.truth))
     if sample.truth is None:
         return " No truth in this frame."
-    told = [f"{full} in 3D (green)"] * (full > 0) + [f"{flat} in this image (cyan)"] * (flat > 0)
-    return f" Truth: {', '.join(told) or 'no boxes'}."
-
-
-def _side_by_side(pictures: Sequence[Pixels]) -> Pixels:
-    height = max(p.shape[0] for p in pictures)
-    padded = [np.pad(p, ((0, height - p.shape[0]), (0, 0), (0, 0))) for p in pictures]
-    return np.concatenate(padded, axis=1)
-
-
-SHEET = "index.html"
+    full, flat = len(boxes3d(sample.truth)), len(rectangles(sample.truth, name))
+    texts = [f"{full} in 3D (green)"] * (full > 0) + [f"{flat} in this image (cyan)"] * (flat > 0)
+    return f" Truth: {', '.join(texts) or 'no boxes'}."
 
 
 def write_preview(material: Material, folder: Path) -> Content:
@@ -162,20 +113,29 @@ def write_preview(material: Material, folder: Path) -> Content:
     measured.alignment()
     stereo = measured.stereo()
     draw = FramePictures(album, ground_of(material.samples), [n for n in names if material.kinds.get(n) == "lidar"])
-    frames = [
-        FrameContent(s.frame.index, _head(s), [*draw.of(s), *stereo.get(s.frame.index, [])]) for s in material.samples
-    ]
+    frames = []
+    for s in material.samples:
+        missing = "; ".join(f"{name}: {why}" for name, why in sorted(s.frame.missing.items()))
+        head = f"at {s.frame.stamp_ns} ns{f' · missing: {missing}' if missing else ''}"
+        frames.append(FrameContent(s.frame.index, head, [*draw.of(s), *stereo.get(s.frame.index, [])]))
     rows = [_row(material, t) for t in times]
     verdicts = sorted(measured.verdicts, key=lambda v: not v.is_bad)
-    content = Content(material.info.name, _facts(material), rows, verdicts, measured.gaps, measured.shown, frames)
-    (folder / SHEET).write_text(sheet(content), "utf-8")
+    facts = [
+        ("Frames shown", f"{len(material.samples)} of {material.num_frames}"),
+        ("Instants by", material.reference),
+        ("With truth", f"{material.num_labeled} of {material.num_frames}"),
+        ("Log id", material.info.log_id),
+    ]
+    content = Content(material.info.name, facts, rows, verdicts, measured.gaps, measured.shown, frames)
+    style = resource("fbench.reports.html", "style.css") + resource(_PACKAGE, "sheet.css")
+    page = environment(_PACKAGE).get_template("sheet.html").render(content=content, style=Markup(style))  # noqa: S704
+    (folder / SHEET).write_text(page, "utf-8")
     return content
 
 
 def _gaps(material: Material) -> Sequence[str]:
     """Say what isn't there."""
-    names = {"camera": "camera", "lidar": "LiDAR", "radar": "radar"}
-    gaps = [f"the log has no {names[kind]}" for kind in KINDS if kind not in material.kinds.values()]
+    gaps = [f"the log has no {_NAMES[kind]}" for kind in KINDS if kind not in material.kinds.values()]
     gaps += [f"{why}: it is shown on its own" for _, why in sorted(material.problems.items())]
     gaps += [] if material.num_labeled else ["no frame has truth"]
     if sum(kind == "camera" for kind in material.kinds.values()) > 1 and not pairs(material.rig):
@@ -184,49 +144,20 @@ def _gaps(material: Material) -> Sequence[str]:
     return [*gaps, *(["3D truth is in world coordinates and isn't drawn"] if world else [])]
 
 
-def _facts(material: Material) -> Sequence[tuple[str, str]]:
-    shown = f"{len(material.samples)} of {material.num_frames}"
-    labeled = f"{material.num_labeled} of {material.num_frames}"
-    return [
-        ("Frames shown", shown), ("Instants by", material.reference), ("With truth", labeled),
-        ("Log id", material.info.log_id),
-    ]  # fmt: skip
-
-
-def _head(sample: Sample) -> str:
-    missing = "; ".join(f"{name}: {why}" for name, why in sorted(sample.frame.missing.items()))
-    return f"at {sample.frame.stamp_ns} ns{f' · missing: {missing}' if missing else ''}"
-
-
 def _row(material: Material, times: SensorTimes) -> SensorRow:
-    name = times.sensor
+    name, mounted, lens = times.sensor, "", ""
     missing = f"{times.num_missing} of {material.num_frames}: {times.reasons}" if times.num_missing else "0"
-    return SensorRow(
-        name, material.kinds.get(name, "pose"), times.num_messages, missing, _mounting_facts(material.rig, name),
-        _camera(material.rig, name), _spread(times.shift_ms), _spread(times.delay_ms), material.problems.get(name, ""),
-    )  # fmt: skip
-
-
-def _mounting_facts(rig: Rig, name: str) -> str:
-    if name not in rig.mounts:
-        return ""
-    mount = rig.mounts[name]
-    angles = ", ".join(f"{np.degrees(a) + 0.0:.2f}" for a in yaw_pitch_roll(mount.rotation_xyzw))
-    place = ", ".join(f"{value + 0.0:.3f}" for value in mount.translation_m)
-    return f"{place} m; yaw, pitch, roll {angles}°"
-
-
-def _camera(rig: Rig, name: str) -> str:
-    if name not in rig.cameras:
-        return ""
-    camera = rig.cameras[name]
-    width, height = camera.size_wh
-    lens = camera.distortion_model if np.any(camera.distortion) else "no distortion"
-    return f"{width} × {height} px, f {camera.K[0, 0]:.0f} px, {lens}"
-
-
-def _spread(values: tuple[float, float, float] | None) -> str:
-    if values is None:
-        return "–"
-    middle, low, high = values
-    return f"{middle:+.1f} ({low:+.1f} to {high:+.1f})"
+    if (mount := material.rig.mounts.get(name)) is not None:
+        angles = ", ".join(f"{np.degrees(a) + 0.0:.2f}" for a in yaw_pitch_roll(mount.rotation_xyzw))
+        place = ", ".join(f"{value + 0.0:.3f}" for value in mount.translation_m)
+        mounted = f"{place} m; yaw, pitch, roll {angles}°"
+    if (model := material.rig.cameras.get(name)) is not None:
+        width, height = model.size_wh
+        distortion = model.distortion_model if np.any(model.distortion) else "no distortion"
+        lens = f"{width} × {height} px, f {model.K[0, 0]:.0f} px, {distortion}"
+    shift, delay = (
+        "–" if values is None else f"{values[0]:+.1f} ({values[1]:+.1f} to {values[2]:+.1f})"
+        for values in (times.shift_ms, times.delay_ms)
+    )
+    kind, problem = material.kinds.get(name, "pose"), material.problems.get(name, "")
+    return SensorRow(name, kind, times.num_messages, missing, mounted, lens, shift, delay, problem)

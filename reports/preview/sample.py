@@ -1,7 +1,7 @@
 """Samples that a preview is drawn from, and edges of depth and brightness in them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from fbench.replay.geometry.transforms import transform
 _SPREAD_RAD = (np.radians(0.8), np.radians(0.25))  # How far a neighbor is away at most, in azimuth and altitude
 _STEPS, _MAX_SPREAD_RAD = 1.25, np.radians(2.5)
 """A LiDAR whose shots lie farther apart in azimuth has its neighbors within so many steps."""
-_NEIGHBOURS = 8
+_NEIGHBORS = 8
 _MIN_STEP = 0.06
 _MAX_RANGE_M = 60.0
 
@@ -32,12 +32,12 @@ def depth_edges(xyz: Array) -> Array:
     p = np.asarray(xyz, np.float64)
     distance = np.sqrt(np.sum(p**2, axis=1))
     rows = np.flatnonzero((distance > 1.0) & (distance < 3 * _MAX_RANGE_M))
-    if len(rows) < _NEIGHBOURS + 1:
+    if len(rows) < _NEIGHBORS + 1:
         return np.zeros(0, np.int64)
     p, distance = p[rows], distance[rows]
     angles = np.stack([np.arctan2(p[:, 1], p[:, 0]), np.arcsin(np.clip(p[:, 2] / distance, -1, 1))], axis=1)
     scaled = angles / (_spread_rad(angles), _SPREAD_RAD[1])
-    _, near = cKDTree(scaled).query(scaled, k=_NEIGHBOURS + 1, distance_upper_bound=1.0)
+    _, near = cKDTree(scaled).query(scaled, k=_NEIGHBORS + 1, distance_upper_bound=1.0)
     far = np.append(distance, 0.0)[near].max(axis=1)  # the last row stands for no neighbor
     is_edge = (far - distance > np.maximum(1.0, _MIN_STEP * distance)) & (distance < _MAX_RANGE_M)
     return np.asarray(rows[is_edge], np.int64)
@@ -112,9 +112,7 @@ class Sample:
         return [name for name in images if self._decode(name) is not None]
 
     def image(self, camera: str) -> Pixels:
-        """Image (H, W, 3) BGR of one of the `cameras`; decoded anew, since all would take much memory. Raises
-        DecodeError where it isn't there.
-        """
+        """Image (H, W, 3) BGR, decoded anew, since all take much memory. Raises DecodeError where it isn't there."""
         pixels = self._decode(camera)
         if pixels is None:
             raise DecodeError(f"frame {self.frame.index} has no image of '{camera}'")
@@ -127,45 +125,36 @@ class Sample:
     @cached_property
     def points(self) -> Sequence[Points]:
         """Points of all LiDARs and radars, by name of the sensor."""
-        found = [m for _, m in sorted(self.frame.messages.items()) if isinstance(m, PointCloud | RadarScan)]
-        return [self._points(message) for message in found]
+        found = []
+        for _, message in sorted(self.frame.messages.items()):
+            if isinstance(message, PointCloud | RadarScan):
+                xyz, is_placed = np.asarray(message.xyz, np.float64), message.sensor in self.rig.mounts
+                if is_placed:
+                    xyz = transform(self.rig.body_T_sensor(message.sensor), xyz)
+                measured = message.radial_velocity_mps if isinstance(message, RadarScan) else None
+                speed = np.full(len(xyz), np.nan) if measured is None else np.asarray(measured, np.float64)
+                kind: Kind = "lidar" if isinstance(message, PointCloud) else "radar"
+                found.append(Points(message.sensor, kind, xyz, speed, is_placed))
+        return found
 
     @cached_property
     def depth_edges_m(self) -> Float64:
         """Near sides (N, 3) of jumps in depth of all placed LiDARs, in body coordinates [m]."""
         found = [np.zeros((0, 3))]
         for points in self.placed("lidar"):
-            seen = points.xyz - self.rig.body_T_sensor(points.sensor)[:3, 3]
-            found.append(points.xyz[depth_edges(transform(self._turn(points.sensor), seen))])
+            body_T_sensor, turn = self.rig.body_T_sensor(points.sensor), np.eye(4)
+            turn[:3, :3] = body_T_sensor[:3, :3].T  # jumps are sought along the sensor's rings
+            found.append(points.xyz[depth_edges(transform(turn, points.xyz - body_T_sensor[:3, 3]))])
         return np.concatenate(found)
-
-    def _turn(self, sensor: str) -> Float64:
-        """Matrix (4, 4) that turns body axes into those of a sensor: jumps are sought along its rings."""
-        turn = np.eye(4)
-        turn[:3, :3] = self.rig.body_T_sensor(sensor)[:3, :3].T
-        return turn
 
     def placed(self, kind: Kind) -> list[Points]:
         """Points in body coordinates of the sensors of one kind."""
         return [points for points in self.points if points.kind == kind and points.is_placed]
 
-    def with_truth(self, truth: Truth | None) -> "Sample":
-        """Return the frame with what is known to be there."""
-        return replace(self, truth=truth)
-
     def age_ms(self, sensor: str) -> float | None:
         """How much later than the frame's instant a sensor measured [ms]; `None` where it is missing."""
         message = self.frame.messages.get(sensor)
         return None if message is None else (message.stamp_ns - self.frame.stamp_ns) / 1e6
-
-    def _points(self, message: PointCloud | RadarScan) -> Points:
-        is_placed = message.sensor in self.rig.mounts
-        xyz = np.asarray(message.xyz, np.float64)
-        if is_placed:
-            xyz = transform(self.rig.body_T_sensor(message.sensor), xyz)
-        measured = message.radial_velocity_mps if isinstance(message, RadarScan) else None
-        speed = np.full(len(xyz), np.nan) if measured is None else np.asarray(measured, np.float64)
-        return Points(message.sensor, "lidar" if isinstance(message, PointCloud) else "radar", xyz, speed, is_placed)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ from fbench.reports.preview import draw
 from fbench.reports.preview.draw import GRID, INK, QUIET, Color, Colors, of_sensor
 from fbench.reports.preview.sample import Material
 
+WIDTH_PX, HEIGHT_PX = 1280, 300
 _MARGIN = (58, 30, 14, 34)  # Left, top, right and bottom [px]
+_STEADY_MS, _DRIFT_MS, _EARLY_MS = 5.0, 10.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,13 @@ class Axes:
 
         left, top, width, height = self._inner
         for value in ticks(*self.x, max(3, width // 65)):
-            line = self.to_picture(np.array([[value, self.y[0]], [value, self.y[1]]]))
+            line, text = self.to_picture(np.array([[value, self.y[0]], [value, self.y[1]]])), f"{value:g}"
             draw.path(picture, line, GRID)
-            draw.write(
-                picture, _text(value), (line[0, 0] - draw.text_size(_text(value))[0] / 2, top + height + 14), QUIET
-            )
+            draw.write(picture, text, (line[0, 0] - draw.text_size(text)[0] / 2, top + height + 14), QUIET)
         for value in ticks(*self.y, max(2, height // 40)):
-            line = self.to_picture(np.array([[self.x[0], value], [self.x[1], value]]))
+            line, text = self.to_picture(np.array([[self.x[0], value], [self.x[1], value]])), f"{value:g}"
             draw.path(picture, line, QUIET if value == 0 else GRID)
-            draw.write(picture, _text(value), (left - 6 - draw.text_size(_text(value))[0], line[0, 1] + 4), QUIET)
+            draw.write(picture, text, (left - 6 - draw.text_size(text)[0], line[0, 1] + 4), QUIET)
         cv2.rectangle(picture, (left, top), (left + width, top + height), QUIET, 1)
         draw.write(picture, title, (left, top - 17), INK)
         draw.write(picture, y_name, (left + 4, top - 3), QUIET)
@@ -85,14 +85,6 @@ def span_axes(values: Float64, least: float) -> tuple[float, float]:
     return low - pad, high + pad
 
 
-def _text(value: float) -> str:
-    return f"{value:g}"
-
-
-WIDTH_PX, HEIGHT_PX = 1280, 300
-_STEADY_MS, _DRIFT_MS, _EARLY_MS = 5.0, 10.0, 2.0
-
-
 @dataclass(frozen=True)
 class SensorTimes:
     """The times of one sensor; `None` where there are none."""
@@ -111,8 +103,19 @@ def sensor_times(material: Material) -> Sequence[SensorTimes]:
     names = sorted({*material.kinds, *material.num_messages})
     delays = {name: _delays(material, name) for name in names}
     usual = [float(np.median(d[:, 1])) for d in delays.values() if len(d)]
-    typical = float(np.median(usual)) if usual else 0.0
-    return [_times(material, name, delays[name], typical) for name in names]
+    typical_ms, times = float(np.median(usual)) if usual else 0.0, []
+    for name in names:
+        shifts, why = _shifts(material, name), material.missing.get(name, {})
+        remarks = _shift_remarks(shifts[:, 1]) if name != material.reference and len(shifts) else []
+        remarks += _delay_remarks(delays[name], typical_ms) if len(delays[name]) else []
+        reasons = "; ".join(f"{reason} ({num})" for reason, num in why.items())
+        shift_ms, delay_ms = (
+            (float(np.median(ms)), float(ms.min()), float(ms.max())) if len(ms) else None
+            for ms in (shifts[:, 1], delays[name][:, 1])
+        )
+        num = material.num_messages.get(name, 0)
+        times.append(SensorTimes(name, num, sum(why.values()), reasons, shift_ms, delay_ms, tuple(remarks)))
+    return times
 
 
 def time_panel(material: Material) -> Pixels:
@@ -129,10 +132,9 @@ def time_panel(material: Material) -> Pixels:
         axes = Axes((0, row * HEIGHT_PX, WIDTH_PX, HEIGHT_PX), x, y)
         axes.draw(picture, title, "log time [s]" if row else "", "")
         for number, name in enumerate(names):
-            axes.line(picture, _with_gaps(series[name]), of_sensor(number))
-            axes.dots(
-                picture, series[name], np.full((len(series[name]), 3), of_sensor(number), np.uint8), max(2, 6 - number)
-            )
+            line, color = series[name], of_sensor(number)
+            axes.line(picture, _with_gaps(line), color)
+            axes.dots(picture, line, np.full((len(line), 3), color, np.uint8), max(2, 6 - number))
     for number, name in enumerate(names):
         at = (14 + number % 4 * 316, 2 * HEIGHT_PX + 14 + number // 4 * 18)
         draw.write(picture, draw.plain(name), (at[0] + 16, at[1]), of_sensor(number))
@@ -140,20 +142,6 @@ def time_panel(material: Material) -> Pixels:
     if not len(everything):
         draw.write(picture, "no messages", (WIDTH_PX // 2, HEIGHT_PX // 2), QUIET)
     return picture
-
-
-def _times(material: Material, name: str, delays: Float64, typical_ms: float) -> SensorTimes:
-    shifts = _shifts(material, name)
-    why = material.missing.get(name, {})
-    remarks: list[str] = []
-    if name != material.reference and len(shifts):
-        remarks += _shift_remarks(shifts[:, 1])
-    if len(delays):
-        remarks += _delay_remarks(delays, typical_ms)
-    return SensorTimes(
-        name, material.num_messages.get(name, 0), sum(why.values()),
-        "; ".join(f"{reason} ({num})" for reason, num in why.items()), _spread(shifts), _spread(delays), tuple(remarks),
-    )  # fmt: skip
 
 
 def _shift_remarks(shifts_ms: Float64) -> list[str]:
@@ -171,9 +159,8 @@ def _delay_remarks(delays: Float64, typical_ms: float) -> list[str]:
     if middle < -_EARLY_MS:
         remarks.append(f"recorded {-middle:.1f} ms before its own stamp: its clock is ahead, or an offset is wrong")
     elif abs(middle - typical_ms) > 100:
-        remarks.append(
-            f"recorded {middle:.1f} ms after its stamp, others {typical_ms:.1f} ms: a slow sensor or a clock"
-        )
+        after = f"{middle:.1f} ms after its stamp, others {typical_ms:.1f} ms"
+        remarks.append(f"recorded {after}: a slow sensor or a clock")
     drift = _trend_ms(delays[:, 1])
     if drift > _DRIFT_MS and drift > 3 * float(np.median(np.abs(np.diff(delays[:, 1])))):
         remarks.append(f"its clock drifts by {drift:.1f} ms against the recorder's")
@@ -186,33 +173,20 @@ def _trend_ms(values: Float64) -> float:
     return abs(float(np.median(values[-third:]) - np.median(values[:third]))) if third >= 3 else 0.0
 
 
-def _spread(series: Float64) -> tuple[float, float, float] | None:
-    if not len(series):
-        return None
-    values = series[:, 1]
-    return float(np.median(values)), float(values.min()), float(values.max())
-
-
 def _shifts(material: Material, name: str) -> Float64:
     """Seconds since the first instant and stamp minus instant [ms], (N, 2)."""
-    start_ns = _start_ns(material)
-    rows = [
-        ((i.stamp_ns - start_ns) / 1e9, (i.stamps_ns[name] - i.stamp_ns) / 1e6)
-        for i in material.instants
-        if name in i.stamps_ns
-    ]
-    return np.array(rows, np.float64).reshape(-1, 2)
+    both = [(i.stamp_ns, i.stamps_ns[name] - i.stamp_ns) for i in material.instants if name in i.stamps_ns]
+    return _series(material, both)
 
 
 def _delays(material: Material, name: str) -> Float64:
     """Seconds since the first instant and log time minus stamp [ms], (N, 2)."""
-    start_ns = _start_ns(material)
-    rows = [((a.stamp_ns - start_ns) / 1e9, (a.log_ns - a.stamp_ns) / 1e6) for a in material.arrivals.get(name, ())]
-    return np.array(rows, np.float64).reshape(-1, 2)
+    return _series(material, [(a.stamp_ns, a.log_ns - a.stamp_ns) for a in material.arrivals.get(name, ())])
 
 
-def _start_ns(material: Material) -> int:
-    return material.instants[0].stamp_ns if material.instants else 0
+def _series(material: Material, both_ns: Sequence[tuple[int, int]]) -> Float64:
+    start_ns = material.instants[0].stamp_ns if material.instants else 0
+    return np.array([((at - start_ns) / 1e9, by / 1e6) for at, by in both_ns], np.float64).reshape(-1, 2)
 
 
 def _with_gaps(series: Float64) -> Float64:

@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.images import Pixels
-from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import not_projectable, rays
 from fbench.replay.geometry.iou import corners
 from fbench.replay.geometry.transforms import transform
@@ -19,6 +19,11 @@ from fbench.reports.preview.sample import Points, Sample
 _SIZE_PX, _VIEW_M = 760, 25.0
 _AXES = ((0, (80, 80, 255)), (1, (90, 220, 90)))
 _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+MAX_PX = 1100
+_REACH_M = 100.0
+_RINGS_M = (5, 10, 20, 30, 40, 50, 60, 80, 100)
+_SIDE_Z_M = (-4.0, 6.0)
+_FOOTPRINT = [0, 2, 3, 1, 0]  # Corners of a box around its foot; those of 0 and 2 are in front
 
 
 def mounting(rig: Rig) -> Pixels:
@@ -26,14 +31,32 @@ def mounting(rig: Rig) -> Pixels:
     axis; thin ones are its other axes, red x, green y.
     """
     names = rig.sensors("camera", "lidar", "radar")
-    places = np.array([rig.mounts[name].translation_m[:2] for name in names]).reshape(-1, 2)
-    middle = (np.vstack([places, np.zeros((1, 2))]).max(axis=0) + np.vstack([places, np.zeros((1, 2))]).min(axis=0)) / 2
-    half = max(0.4, float(np.abs(np.vstack([places, np.zeros((1, 2))]) - middle).max()) * 1.6)
-    plan = _Plan(middle, _SIZE_PX / (2 * half))
-    picture = draw.canvas(_SIZE_PX, _SIZE_PX)
-    _draw_grid(picture, plan, half)
+    places = np.array([*(rig.mounts[name].translation_m[:2] for name in names), np.zeros(2)])
+    middle_m = (places.max(axis=0) + places.min(axis=0)) / 2
+    half = max(0.4, float(np.abs(places - middle_m).max()) * 1.6)
+    scale = _SIZE_PX / (2 * half)
+
+    def to_picture(xy: Float64) -> Float64:
+        moved: Float64 = _SIZE_PX / 2 - (np.asarray(xy, np.float64) - middle_m)[:, ::-1] * scale
+        return moved
+
+    picture, far = draw.canvas(_SIZE_PX, _SIZE_PX), 1000.0
+    grid = np.arange(-40, 41) * next((s for s in _STEPS_M if half / s <= 6), _STEPS_M[-1])
+    for at in grid:
+        for line in (np.array([[at, -far], [at, far]]), np.array([[-far, at], [far, at]])):
+            draw.path(picture, to_picture(line), QUIET if at == 0 else GRID)
+    for at in grid:
+        x, y = to_picture(np.array([[at, 0.0]]))[0]
+        if 0 < y < _SIZE_PX:
+            draw.write(picture, f"{at:g} m", (x + 4, y - 4), QUIET)
     for number, name in enumerate(names):
-        _draw_sensor(picture, plan, rig, name, number)
+        matrix, color = rig.body_T_sensor(name), of_sensor(number)
+        at = to_picture(matrix[None, :2, 3])[0]
+        for axis, own in _AXES:
+            draw.path(picture, np.stack([at, at - matrix[:2, axis][::-1] * 28]), own)
+        looks = matrix[:2, 2 if rig.mounts[name].kind == "camera" else 0]
+        draw.path(picture, np.stack([at, at - looks[::-1] * 62]), color, 3)
+        draw.disks(picture, at[None], np.array([5]), np.array([color], np.uint8), rim=True)
     texts = ["rig from above: x forward is up, y left is left"]
     texts += [f"{draw.plain(name)} ({rig.mounts[name].kind})" for name in names]
     draw.lines(picture, texts, [INK, *(of_sensor(i) for i in range(len(names)))])
@@ -45,60 +68,13 @@ def draw_sensors(picture: Pixels, to_picture: Callable[[Float64], Float64], rig:
     for number, name in enumerate(rig.sensors("camera", "lidar", "radar")):
         matrix, color = rig.body_T_sensor(name), of_sensor(number)
         camera = rig.cameras.get(name)
-        for ray in () if camera is None else _borders(camera):
-            ends = transform(matrix, np.stack([np.zeros(3), ray * _VIEW_M]))[:, :2]
-            draw.path(picture, to_picture(ends), color)
+        if camera is not None and not_projectable(camera) is None:
+            width, height = camera.size_wh  # [px]; the middles of the left and right border
+            for ray in rays(camera, np.array([[0.0, height / 2], [width - 1.0, height / 2]])):
+                if np.isfinite(ray).all():
+                    ends = transform(matrix, np.stack([np.zeros(3), ray * _VIEW_M]))[:, :2]
+                    draw.path(picture, to_picture(ends), color)
         draw.disks(picture, to_picture(matrix[None, :2, 3]), np.array([3]), np.array([color], np.uint8), rim=True)
-
-
-def _borders(camera: CameraModel) -> list[Float64]:
-    """Directions (3,) of the middle of the left and right border of an image, where the lens is known."""
-    if not_projectable(camera) is not None:
-        return []
-    width, height = camera.size_wh
-    found = rays(camera, np.array([[0.0, height / 2], [width - 1.0, height / 2]]))
-    return [ray for ray in found if np.isfinite(ray).all()]
-
-
-class _Plan:
-    """The ground around the body."""
-
-    def __init__(self, middle_m: Float64, scale: float) -> None:
-        self._middle_m, self._scale = middle_m, scale
-
-    def to_picture(self, xy: Float64) -> Float64:
-        return _SIZE_PX / 2 - (np.asarray(xy, np.float64) - self._middle_m)[:, ::-1] * self._scale
-
-
-def _draw_grid(picture: Pixels, plan: _Plan, half: float) -> None:
-    step = next((s for s in _STEPS_M if half / s <= 6), _STEPS_M[-1])
-    lines = np.arange(-40, 41) * step
-    far = 1000.0
-    for at in lines:
-        for line in (np.array([[at, -far], [at, far]]), np.array([[-far, at], [far, at]])):
-            draw.path(picture, plan.to_picture(line), QUIET if at == 0 else GRID)
-    for at in lines:
-        x, y = plan.to_picture(np.array([[at, 0.0]]))[0]
-        if 0 < y < _SIZE_PX:
-            draw.write(picture, f"{at:g} m", (x + 4, y - 4), QUIET)
-
-
-def _draw_sensor(picture: Pixels, plan: _Plan, rig: Rig, name: str, number: int) -> None:
-    matrix = rig.body_T_sensor(name)
-    at = plan.to_picture(matrix[None, :2, 3])[0]
-    for axis, color in _AXES:
-        tip = at - matrix[:2, axis][::-1] * 28
-        draw.path(picture, np.stack([at, tip]), color)
-    looks = matrix[:2, 2 if rig.mounts[name].kind == "camera" else 0]
-    draw.path(picture, np.stack([at, at - looks[::-1] * 62]), of_sensor(number), 3)
-    draw.disks(picture, at[None], np.array([5]), np.array([of_sensor(number)], np.uint8), rim=True)
-
-
-MAX_PX = 1100
-_REACH_M = 100.0
-_RINGS_M = (5, 10, 20, 30, 40, 50, 60, 80, 100)
-_SIDE_Z_M = (-4.0, 6.0)
-_FOOTPRINT = [0, 2, 3, 1, 0]  # Corners of a box around its foot; those of 0 and 2 are in front
 
 
 @dataclass(frozen=True)
@@ -151,7 +127,17 @@ def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     draw_sensors(picture, ground.to_picture, sample.rig)
     _write_rings(picture, rings)
     _draw_axes(picture, ground)
-    _draw_keys(picture, sample, lidars)
+    texts, colors = [f"frame {sample.frame.index}, from above"], [INK]
+    for points in sample.placed("lidar"):
+        texts.append(f"LiDAR {draw.plain(points.sensor)}: {len(points.xyz)} points")
+        colors.append(of_sensor(lidars.index(points.sensor)))
+    for points in sample.placed("radar"):
+        texts.append(f"radar {draw.plain(points.sensor)}: {len(points.xyz)} points, red recedes, blue nears")
+        colors.append(INK)
+    if len(boxes):
+        texts.append(f"truth: {len(boxes)} boxes, the line points to their front")
+        colors.append(TRUTH)
+    draw.lines(picture, texts, colors)
     return picture
 
 
@@ -176,9 +162,12 @@ def from_side(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     low, high = ground.low_m[0], ground.high_m[0]
     scale = MAX_PX / (high - low)
     picture = draw.canvas(MAX_PX, round((_SIDE_Z_M[1] - _SIDE_Z_M[0]) * scale * 2))
-    place = _Side(low, scale)
+
+    def to_picture(xyz: Float64) -> Float64:
+        return np.stack([(xyz[:, 0] - low) * scale, (_SIDE_Z_M[1] - xyz[:, 2]) * scale * 2], axis=1)
+
     for z in range(round(_SIDE_Z_M[0]) + 1, round(_SIDE_Z_M[1])):
-        line = place.to_picture(np.array([[low, 0, z], [high, 0, z]]))
+        line = to_picture(np.array([[low, 0, z], [high, 0, z]]))
         draw.path(picture, line, QUIET if z == 0 else GRID)
         if z % 2 == 0:
             draw.write(picture, f"z {z} m", (4, line[0, 1] - 3), QUIET)
@@ -188,23 +177,14 @@ def from_side(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
         color = of_sensor(lidars.index(points.sensor)) if is_lidar else (0, 0, 0)
         colors = np.full((len(points.xyz), 3), color, np.uint8) if is_lidar else of_speed(points.speed_mps)
         radii = np.full(int(near.sum()), 1 if is_lidar else 3)
-        draw.disks(picture, place.to_picture(points.xyz[near]), radii, colors[near], rim=not is_lidar)
+        draw.disks(picture, to_picture(points.xyz[near]), radii, colors[near], rim=not is_lidar)
     boxes = boxes3d(sample.truth)
     for eight in corners(boxes[np.abs(boxes.center_m[:, 1]) < 10]):
         flat = eight[:, [0, 2]]
-        rect = np.array([*flat.min(axis=0), *flat.max(axis=0)])[[0, 1, 2, 1, 2, 3, 0, 3, 0, 1]].reshape(5, 2)
-        draw.path(picture, place.to_picture(np.insert(rect, 1, 0, axis=1)), TRUTH)
+        rect = np.array([*flat.min(axis=0), *flat.max(axis=0)])[draw.OUTLINE].reshape(5, 2)
+        draw.path(picture, to_picture(np.insert(rect, 1, 0, axis=1)), TRUTH)
     draw.lines(picture, ["from the left side, |y| < 10 m, heights x 2: flat ground must be level"], [INK], (70, 20))
     return picture
-
-
-@dataclass(frozen=True)
-class _Side:
-    low_m: float
-    scale: float
-
-    def to_picture(self, xyz: Float64) -> Float64:
-        return np.stack([(xyz[:, 0] - self.low_m) * self.scale, (_SIDE_Z_M[1] - xyz[:, 2]) * self.scale * 2], axis=1)
 
 
 def _draw_rings(picture: Pixels, ground: Ground) -> list[tuple[str, Float64]]:
@@ -233,29 +213,8 @@ def _draw_axes(picture: Pixels, ground: Ground) -> None:
     import cv2
 
     origin = ground.to_picture(np.zeros((1, 2)))[0]
-    length = 60
-    for step, text, at in (
-        (np.array([0, -length]), "x forward", (10, 0)),
-        (np.array([-length, 0]), "y left", (-52, -10)),
-    ):
+    for step, text, at in ((np.array([0, -60]), "x forward", (10, 0)), (np.array([-60, 0]), "y left", (-52, -10))):
         end = origin + step
-        cv2.arrowedLine(picture, _pixel(origin), _pixel(end), INK, 2, cv2.LINE_AA, tipLength=0.2)
+        begin_px, end_px = ((round(float(x)), round(float(y))) for x, y in (origin, end))
+        cv2.arrowedLine(picture, begin_px, end_px, INK, 2, cv2.LINE_AA, tipLength=0.2)
         draw.write(picture, text, (end[0] + at[0], end[1] + at[1]), INK, boxed=True)
-
-
-def _draw_keys(picture: Pixels, sample: Sample, lidars: Sequence[str]) -> None:
-    texts, colors = [f"frame {sample.frame.index}, from above"], [INK]
-    for points in sample.placed("lidar"):
-        texts.append(f"LiDAR {draw.plain(points.sensor)}: {len(points.xyz)} points")
-        colors.append(of_sensor(lidars.index(points.sensor)))
-    for points in sample.placed("radar"):
-        texts.append(f"radar {draw.plain(points.sensor)}: {len(points.xyz)} points, red recedes, blue nears")
-        colors.append(INK)
-    if len(boxes3d(sample.truth)):
-        texts.append(f"truth: {len(boxes3d(sample.truth))} boxes, the line points to their front")
-        colors.append(TRUTH)
-    draw.lines(picture, texts, colors)
-
-
-def _pixel(at: Float64) -> tuple[int, int]:
-    return round(float(at[0])), round(float(at[1]))
