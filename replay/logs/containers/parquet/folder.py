@@ -93,18 +93,19 @@ class Stream:
         position = rows.numbers.get("position")
         positions = numbers if position is None else np.where(position.valid, position.values, numbers)
         order = np.lexsort((positions, log_ns))
-        good = self._usable(rows, group, first_row)
+        good, rows_of_log = self._usable(rows, group, first_row).tolist(), numbers.tolist()
+        kind, sensor, topic, number = self.entry.kind, self.entry.sensor, self.channel.topic, self.number
         for i, at, ns in zip(order.tolist(), positions[order].tolist(), log_ns[order].tolist(), strict=True):
             if not good[i]:
                 continue
-            row = Row(rows, i, self.entry.kind, self.entry.sensor)
+            row = Row(rows, i, kind, sensor)
             # The number of the row keeps entries apart where a log gives one position twice.
-            head = (ns, self.channel.topic, 0, at, int(numbers[i]), self.number)
-            if self.entry.kind == "raw":
+            if kind == "raw":
                 publish_ns, data = row.number("publish_ns"), row.blob("data") or memoryview(b"")
-                yield Entry(*head, row.number("sequence") or 0, ns if publish_ns is None else publish_ns, data)
+                publish_ns, sequence = ns if publish_ns is None else publish_ns, row.number("sequence") or 0
+                yield Entry(ns, topic, 0, at, rows_of_log[i], number, sequence, publish_ns, data)
             else:
-                yield Entry(*head, 0, int(rows.numbers["stamp_ns"].values[i]), row)
+                yield Entry(ns, topic, 0, at, rows_of_log[i], number, 0, int(rows.numbers["stamp_ns"].values[i]), row)
 
     def _usable(self, rows: Rows, group: int, first_row: int) -> Bool:
         """Tell which rows have stamps; the others are counted."""
