@@ -60,9 +60,7 @@ _OTHER_NAMES: Mapping[str, str] = {
 
 
 def layout_name(encoding: str) -> str:
-    """Return the one name of a raw layout that ROS and OpenCV give several: `uyvy` for `yuv422`, `bgr8` for `8UC3`.
-    Raises DecodeError where it isn't in `LAYOUTS`.
-    """
+    """The one name of several of a raw layout: `uyvy` for `yuv422`. Raises DecodeError where it isn't in `LAYOUTS`."""
     name = _OTHER_NAMES.get(encoding, encoding)
     if name not in LAYOUTS:
         raise UnsupportedError(f"image encoding '{encoding}' isn't supported, only {', '.join(LAYOUTS)}")
@@ -72,9 +70,7 @@ def layout_name(encoding: str) -> str:
 def pack_rows(
     data: memoryview, encoding: str, size_wh: tuple[int, int], step: int, *, is_bigendian: bool = False
 ) -> bytes:
-    """Copy an image of layout `encoding` without the padding at the end of its rows of `step` bytes, little-endian.
-    Raises DecodeError where size, step and data don't fit together.
-    """
+    """Pack rows of `step` bytes of a layout, little-endian. Raises DecodeError where size, step and data don't fit."""
     layout, (width, height) = LAYOUTS[encoding], size_wh
     row, rows = width * layout.pixel_bytes, layout.num_rows(height)
     if width % layout.even[0] or height % layout.even[1]:
@@ -174,9 +170,7 @@ def encoded_format(data: bytes | memoryview) -> str:
 
 
 def encoded_size(data: bytes) -> tuple[int, int]:
-    """Width and height [px] as the header of a JPEG, PNG or WebP says, without decoding it. Raises DecodeError where it
-    is none of them, or the header is damaged.
-    """
+    """Width and height [px] as the header says. Raises DecodeError for other formats, or where it is damaged."""
     return _SIZES[encoded_format(data)](data)
 
 

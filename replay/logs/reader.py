@@ -136,9 +136,7 @@ class LogReader:
                 yield entry, None
 
     def truths(self) -> Iterator[Truth]:
-        """Ground truth, 3D and 2D of one stamp together, in the order of stamps (see `joined`); from a file beside the
-        log where the setup names one.
-        """
+        """Truth in the order of stamps, 3D and 2D together (see `join_parts`); of a file where the setup names it."""
         if self.setup.truth is not None:
             return self._read_boxes(self.setup.truth)
         return join_parts(self._truth_parts(self._channels("truth")))

@@ -40,9 +40,7 @@ class Role:
 
 
 def roles(container: Container) -> dict[int, Role]:
-    """Roles of the channels that fbench understands, by id; the other topics are counted. Raises LogError where one
-    topic holds messages of two schemas that both are understood.
-    """
+    """Roles of known channels by id; other topics are counted. Raises LogError where a topic has two known schemas."""
     found: dict[int, Role] = {}
     foreign: dict[int, Codec] = {}
     codecs = Codecs()
