@@ -53,9 +53,7 @@ class ClassMap:
     """A label of fbench or `ignore`, by name, exactly as the source writes it."""
 
     def apply(self, boxes: B, unknown: Callable[[str], None]) -> B:
-        """Give boxes the labels of their `source_label`, telling `unknown` each name that means nothing; boxes without
-        `source_label` stay as they are.
-        """
+        """Label boxes by their `source_label`, where they have one, telling `unknown` each name that means nothing."""
         if boxes.source_label is None:
             return boxes
         names = boxes.source_label.tolist()

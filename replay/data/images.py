@@ -75,9 +75,7 @@ def layout_name(encoding: str) -> str:
 def pack_rows(
     data: memoryview, encoding: str, size_wh: tuple[int, int], step: int, *, is_bigendian: bool = False
 ) -> bytes:
-    """Copy an image of layout `encoding` without the padding at the end of its rows of `step` bytes, little-endian.
-    Raises DecodeError where size, step and data don't fit together.
-    """
+    """Pack rows of `step` bytes of a layout, little-endian. Raises DecodeError where size, step and data don't fit."""
     layout, (width, height) = LAYOUTS[encoding], size_wh
     row, rows = width * layout.pixel_bytes, layout.num_rows(height)
     if width % layout.even[0] or height % layout.even[1]:
@@ -177,9 +175,7 @@ def encoded_format(data: bytes | memoryview) -> str:
 
 
 def encoded_size(data: bytes) -> tuple[int, int]:
-    """Width and height [px] as the header of a JPEG, PNG or WebP says, without decoding it. Raises DecodeError where it
-    is none of them, or the header is damaged.
-    """
+    """Width and height [px] as the header says. Raises DecodeError for other formats, or where it is damaged."""
     return _SIZES[encoded_format(data)](data)
 
 

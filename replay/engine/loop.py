@@ -101,9 +101,7 @@ class _Loop:
         self._recursion_limit = sys.getrecursionlimit()
 
     def start(self) -> None:
-        """Start the pipeline. Raises LogError where the log doesn't fit it, naming what a variant is a variant of.
-        Raises RunError where it fails for a reason of its own.
-        """
+        """Start the pipeline. Raises LogError, naming a variant's base, where the log doesn't fit it, else RunError."""
         for name in sorted({*self._rig.mounts, *self._rig.cameras}):
             if (plain := without_secrets(name)) != name:
                 raise LogError(

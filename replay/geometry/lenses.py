@@ -22,7 +22,7 @@ _INSIDE = 1 - 1e-6
 
 
 @dataclass(frozen=True)
-class Polynomial:
+class _Polynomial:
     """Brown and Conrady's lens, with a denominator where it is rational: r (1 + k1 r2 + k2 r4 + k3 r6) / (1 + k4 r2 +
     k5 r4 + k6 r6) and tangential p1, p2, for r = tan(angle to the axis).
     """
@@ -116,7 +116,7 @@ class Polynomial:
 
 
 @dataclass(frozen=True)
-class Fisheye:
+class _Fisheye:
     """Kannala and Brandt's lens: a (1 + k1 a2 + k2 a4 + k3 a6 + k4 a8) for the angle a to the axis [rad]."""
 
     k: tuple[float, float, float, float]
@@ -130,12 +130,10 @@ class Fisheye:
 
     @property
     def border(self) -> Float64:
-        """As `Polynomial.border`."""
         angle = self.max_rad * _INSIDE
         return np.column_stack([_around() * np.sin(angle), np.full(_BORDER_RAYS, np.cos(angle))])
 
     def bend(self, xyz: Float64) -> Float64:
-        """As `Polynomial.bend`."""
         beside = np.hypot(xyz[:, 0], xyz[:, 1])
         angle = np.arctan2(beside, xyz[:, 2])
         angle[~(angle < self.max_rad)] = np.nan
@@ -144,7 +142,6 @@ class Fisheye:
         return xyz[:, :2] * share
 
     def undistort(self, xy: Float64) -> Float64:
-        """As `Polynomial.undistort`."""
         far = np.hypot(xy[:, 0], xy[:, 1])
         angle = _invert(self._radius, self._slope, far, self.max_rad)
         return np.column_stack([xy * _share(np.sin(angle), far), np.cos(angle)])
@@ -158,7 +155,7 @@ class Fisheye:
         return np.asarray(1 + square * (3 * a + square * (5 * b + square * (7 * c + square * 9 * d))))
 
 
-Lens: TypeAlias = Polynomial | Fisheye  # A lens that isn't a pinhole
+Lens: TypeAlias = _Polynomial | _Fisheye  # A lens that isn't a pinhole
 
 
 def _first_root(ascending: Array) -> float:
@@ -235,5 +232,5 @@ def _lens(model: str, coefficients: tuple[float, ...]) -> Lens | None:
         raise LogError(f"{about} has {given} coefficients, not {' or '.join(map(str, _COUNTS[name]))}", "CAL001")
     k1, k2, p1, p2, k3, k4, k5, k6 = (*coefficients[:num], *[0.0] * 8)[:8]
     if name == "fisheye":
-        return Fisheye((k1, k2, p1, p2))  # its k1 to k4
-    return Polynomial((k1, k2, k3), (p1, p2), (k4, k5, k6))
+        return _Fisheye((k1, k2, p1, p2))  # its k1 to k4
+    return _Polynomial((k1, k2, k3), (p1, p2), (k4, k5, k6))

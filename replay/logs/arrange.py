@@ -142,9 +142,7 @@ def rename(metadata: Mapping[str, str], names: Mapping[str, str]) -> dict[str, s
 
 
 def box_channels(roles: Mapping[int, Role], topic: str, log: Path) -> frozenset[int]:
-    """Return the channels of a topic with boxes; without a name, of the only one with results. Raises LogError where
-    there is no such topic, or several without a name.
-    """
+    """Channels of a topic with boxes, else of the only one with results. Raises LogError where none or several fit."""
     boxes = {id_: role for id_, role in sorted(roles.items()) if role.kind in _BOXES}
     known = sorted({role.topic for role in boxes.values()})
     if not topic:

@@ -57,12 +57,14 @@ class EventDecoder:
             _check(entry)
             if isinstance(entry.data, memoryview):
                 part = _codec(role).truth(entry.data, _origin(role, entry))
-                part = self._place(replace(part, truth=self._stamp(entry, part.truth)))
+                part = replace(part, truth=self._stamp(entry, part.truth))
+            elif isinstance(stored := entry.data.read(), TruthPart):
+                part = stored
             else:
-                stored = entry.data.read()
-                if not isinstance(stored, TruthPart):
-                    raise DecodeError("a measurement in the place of truth")
-                part = self._place(stored)
+                raise DecodeError("a measurement in the place of truth")
+            if part.frame_id:
+                cameras = {r.frame_id: r.sensor for _, r in sorted(self._roles.items()) if r.kind == "camera"}
+                part = in_body(part, *self._calibration.tree(), cameras, self._calibration.poses_in)
             return replace(part, truth=self.classify(part.truth, "" if role.is_own else entry.topic))
         except (DecodeError, DataError) as error:
             self._count(entry, error)
@@ -90,12 +92,6 @@ class EventDecoder:
         boxes3d = None if truth.boxes3d is None else apply(truth.boxes3d, count)
         boxes2d = None if truth.boxes2d is None else apply(truth.boxes2d, count)
         return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
-
-    def _place(self, part: TruthPart) -> TruthPart:
-        if not part.frame_id:
-            return part
-        cameras = {role.frame_id: role.sensor for _, role in sorted(self._roles.items()) if role.kind == "camera"}
-        return in_body(part, *self._calibration.tree(), cameras, self._calibration.poses_in)
 
     def _of_body(self, pose: Pose, child: str) -> Pose:
         """Where the body is, from the pose of a coordinate frame that is fixed to it."""

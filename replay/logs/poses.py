@@ -76,9 +76,7 @@ class TfSource:
 
     @cached_property
     def world(self) -> str:
-        """Coordinate frame above all others of the body, or the wanted one, as the first messages say. Raises LogError
-        where no transform says where the body is.
-        """
+        """Coordinate frame above all others of the body, or the wanted one. Raises LogError where none links them."""
         state = self.state()
         tree, body = TransformTree(dict(state.tree.edges)), state.body()
         for entry in islice(self.container.entries(self.channels), _MAX_SEARCHED):

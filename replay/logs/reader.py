@@ -22,7 +22,6 @@ from fbench.replay.logs.truth import join_parts, pair_parts
 from fbench.replay.runs.secrets import clean_mapping, without_secrets
 
 Event: TypeAlias = Message | RigChange | TruthPart | None
-_TRUTH = ("truth", "detections")
 
 
 class LogReader:
@@ -87,8 +86,7 @@ class LogReader:
     @cached_property
     def tick_channels(self) -> frozenset[int]:
         """Channels that give the instants: of a topic with truth, else results; none where sensors have messages."""
-        heard = self._channels(*SENSORS)
-        if not heard.isdisjoint(id_ for id_, num in self.container.counts.items() if num):
+        if any(self.container.counts.get(id_) for id_ in self._channels(*SENSORS)):
             return frozenset()
         by_kind = [sorted(self.roles[id_].topic for id_ in self._channels(kind)) for kind in ("truth", "detections")]
         topic = next((topics[0] for topics in by_kind if topics), None)
@@ -131,7 +129,7 @@ class LogReader:
                     yield entry, change
             if is_message:
                 yield entry, self._decoder.message(entry, moving)
-            elif kind in _TRUTH:
+            elif kind in ("truth", "detections"):
                 yield entry, self._decoder.truth_part(entry)
             else:
                 if entry.channel not in changes.channels:
@@ -139,9 +137,7 @@ class LogReader:
                 yield entry, None
 
     def truths(self) -> Iterator[Truth]:
-        """Ground truth, 3D and 2D of one stamp together, in the order of stamps (see `joined`); from a file beside the
-        log where the setup names one.
-        """
+        """Truth in the order of stamps, 3D and 2D together (see `join_parts`); of a file where the setup names it."""
         if self.setup.truth is not None:
             return self._read_boxes(self.setup.truth)
         return join_parts(self._truth_parts(self._channels("truth")))

@@ -66,9 +66,7 @@ class FittedPatch:
 
 
 def find_sensors(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
-    """Find the sensors that a patch means: by their name, their topic, or their coordinate frame. Raises ConfigError
-    where a camera of the patch isn't in the log.
-    """
+    """Find a patch's sensors by name, topic or coordinate frame. Raises ConfigError where the log lacks a camera."""
     sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
     all_cameras = [name for name, role in sensors.items() if role.kind == "camera"]
     by_topic = {role.topic: role.sensor for role in sensors.values()}

@@ -114,9 +114,7 @@ class ClockCheck:
         self._skews_ns: dict[str, int] = {}
 
     def check(self, message: Message) -> None:
-        """Take a message with the stamp that counts. Raises LogError where the clock of its sensor, or of one that
-        spoke before the reference, is another.
-        """
+        """Take a restamped message. Raises LogError where its clock, or one heard before the reference, is another."""
         skews_ns, reference = self._skews_ns, self._reference
         if message.sensor in skews_ns:
             return

@@ -104,9 +104,7 @@ def _cast(column: Array, dtype: DTypeLike) -> Array:
 
 
 def lidar_sweep(columns: Columns, stamp_ns: int, origin: Origin, offsets: Array | None = None) -> PointCloud:
-    """Make a sweep of points; `offsets` (N,) int32 [ns] go before the times that they have. Raises PointsError where
-    x, y, z aren't there, or a field lies outside the points.
-    """
+    """Make a sweep; `offsets` (N,) int32 [ns] precede its own times. Raises PointsError where fields don't fit."""
     times = columns.get(TIME_FIELDS)
     if offsets is None and times is not None:
         offsets = offset_ns(times, stamp_ns)

@@ -20,9 +20,7 @@ from fbench.replay.logs.codecs.ros.decoder import find, get, header, stamp_ns
 
 
 def detections3d(message: Any, encoding: str, origin: Origin) -> TruthPart:
-    """Read a Detection3DArray; an orientation of zeros, which means that none was given, is yaw 0. Raises DecodeError
-    where boxes are in several coordinate frames.
-    """
+    """Read a Detection3DArray; zeros for orientation are yaw 0. Raises DecodeError for several coordinate frames."""
     head, parts = header(message, encoding), get(message, "detections")
     boxes = [get(part, "bbox") for part in parts]
     poses = [get(box, "center") for box in boxes]

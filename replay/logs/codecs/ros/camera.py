@@ -52,9 +52,7 @@ def read_compressed_image(data: memoryview, encoding: str) -> CompressedImage:
 
 
 def probe_image(image: RawImage | CompressedImage, encoding: str) -> Probe:
-    """Tell the coordinate frame; images that can't be shown are refused. Raises DecodeError where the layout isn't
-    known, or it is a depth image, whose PNG isn't a picture.
-    """
+    """Tell the coordinate frame. Raises DecodeError where the layout isn't known, or it is depth: no picture."""
     if isinstance(image, RawImage):
         layout_name(image.encoding)
     elif "compressedDepth" in image.format or image.format.startswith(DEPTH):
@@ -63,9 +61,7 @@ def probe_image(image: RawImage | CompressedImage, encoding: str) -> Probe:
 
 
 def raw_image(kind: str, image: RawImage, encoding: str, origin: Origin) -> Image:
-    """Return a raw image, its rows packed and 16 bits little-endian. Raises DecodeError where the layout isn't known,
-    or size and data don't fit together.
-    """
+    """Return a raw image, packed, 16 bits little-endian. Raises DecodeError where layout, size or data don't fit."""
     name, size_wh = layout_name(image.encoding), (image.width, image.height)
     if image.width * image.height > MAX_PIXELS:
         raise DecodeError(f"image of {image.width}x{image.height} px is larger than {MAX_PIXELS} px")

@@ -71,9 +71,7 @@ def probe_cloud(cloud: Cloud, encoding: str) -> Probe:
 
 
 def cloud_message(kind: str, cloud: Cloud, encoding: str, origin: Origin) -> Message:
-    """Make a LiDAR sweep or radar scan, without the points that the cloud declares invalid. Raises PointsError where
-    sizes don't fit together, or x, y, z aren't there.
-    """
+    """Make a sweep or scan without points declared invalid. Raises PointsError where sizes or fields don't fit."""
     columns, stamp_ns = cloud.columns(), cloud.header.stamp_ns
     if kind == "radar":
         scan = points.radar_scan(columns, stamp_ns, origin)

@@ -73,9 +73,7 @@ def has_text(schema: Schema | None) -> bool:
 
 
 def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
-    """All types that `name` consists of; those that the log defines win. Raises DecodeError where a definition is
-    damaged, incomplete, or not one of a sensible message.
-    """
+    """All types of `name`; the log's win. Raises DecodeError where one is damaged, incomplete or not sensible."""
     from rosbags.typesys import Stores, get_typestore
 
     standard = get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
