@@ -66,13 +66,6 @@ def log_line(log: ImportedLog) -> str:
     return f"{log.path}: {num} messages, {log.written.num_bytes / 1e6:.3g} MB{skipped}"
 
 
-def counts_line(logs: Sequence[ImportedLog]) -> str:
-    """Return how many logs came out which way."""
-    num = {state: sum(log.state == state for log in logs) for state in ("written", "there", "failed")}
-    size = sum(log.written.num_bytes for log in logs if log.written is not None)
-    return f"{num['written']} written ({size / 1e6:.3g} MB), {num['there']} there already, {num['failed']} failed"
-
-
 def join_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:
     """Yield what was found in many sequences. Lines alike become one, with the range of each number; counts by name
     alone are summed up. A line that not all sequences have ends with how many do, and with the first ones. Subjects

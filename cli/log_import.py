@@ -1,5 +1,6 @@
 """`fbench log import`."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -118,12 +119,15 @@ def _choose_targets(
 
 
 def _print_end(out: Path, logs: "Sequence[ImportedLog]", bad: "BadInput") -> None:
-    from fbench.cli.import_lines import counts_line, join_lines, log_line
+    from fbench.cli.import_lines import join_lines, log_line
 
     say(*(logs[0].lines if len(logs) == 1 else join_lines(logs)), *(f"skipped: {text}" for text in bad.texts))
     if bad.num > len(bad.texts):
         say(f"skipped: and {bad.num - len(bad.texts)} more")
-    say(f"log: {log_line(logs[0])}" if len(logs) == 1 else f"logs: {counts_line(logs)}, in {out}")
+    num = Counter(log.state for log in logs)
+    size = sum(log.written.num_bytes for log in logs if log.written is not None)
+    counts = f"{num['written']} written ({size / 1e6:.3g} MB), {num['there']} there already, {num['failed']} failed"
+    say(f"log: {log_line(logs[0])}" if len(logs) == 1 else f"logs: {counts}, in {out}")
 
 
 def _content(log: "ImportedLog") -> dict[str, object]:

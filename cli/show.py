@@ -7,18 +7,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from typing import Any
 
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    DownloadColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 from rich.text import Text
 
@@ -179,7 +169,7 @@ def show_results(results: Results) -> None:
 @contextmanager
 def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` messages are done on stderr while the `with` block runs."""
-    with _progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as progress:
+    with _progress(bars.BarColumn(), bars.MofNCompleteColumn(), bars.TimeRemainingColumn()) as progress:
         task = progress.add_task(printable(without_secrets(title)), total=total or None)
         yield lambda num_messages: progress.update(task, completed=num_messages)
 
@@ -187,7 +177,7 @@ def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
 @contextmanager
 def byte_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` bytes are done on stderr while the `with` block runs."""
-    with _progress(BarColumn(), DownloadColumn(), TimeRemainingColumn()) as progress:
+    with _progress(bars.BarColumn(), bars.DownloadColumn(), bars.TimeRemainingColumn()) as progress:
         task = progress.add_task(printable(without_secrets(title)), total=total)
         yield lambda num_bytes: progress.update(task, completed=num_bytes)
 
@@ -195,7 +185,7 @@ def byte_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
 class ImportProgress:
     """Shows the sequence that is being imported, and how many are done."""
 
-    def __init__(self, progress: Progress, num_sequences: int) -> None:
+    def __init__(self, progress: bars.Progress, num_sequences: int) -> None:
         self._progress = progress
         self._all = progress.add_task("sequences", total=num_sequences, visible=num_sequences > 1)
         self._one = progress.add_task("", total=None, visible=False)
@@ -226,14 +216,14 @@ class ImportProgress:
 @contextmanager
 def import_progress(num_sequences: int) -> Iterator[ImportProgress]:
     """Show the progress of an import on stderr while the `with` block runs."""
-    with _progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as progress:
+    with _progress(bars.BarColumn(), bars.MofNCompleteColumn(), bars.TimeRemainingColumn()) as progress:
         yield ImportProgress(progress, num_sequences)
 
 
 @contextmanager
 def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
     """Show a running count of frames on stderr while the `with` block runs."""
-    with _progress(TextColumn("{task.completed} frames"), TimeElapsedColumn(), spins=True) as progress:
+    with _progress(bars.TextColumn("{task.completed} frames"), bars.TimeElapsedColumn(), spins=True) as progress:
         task = progress.add_task(printable(without_secrets(title)), total=None)
         yield lambda num_frames: progress.update(task, completed=num_frames)
 
@@ -241,13 +231,13 @@ def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
 @contextmanager
 def replay_progress(title: str) -> Iterator[Callable[[int, int], None]]:
     """Show how many replays are done, of how many, on stderr while the `with` block runs."""
-    with _progress(BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), spins=True) as progress:
+    with _progress(bars.BarColumn(), bars.MofNCompleteColumn(), bars.TimeElapsedColumn(), spins=True) as progress:
         task = progress.add_task(printable(without_secrets(title)), total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
-def _progress(*columns: ProgressColumn, spins: bool = False) -> Progress:
+def _progress(*columns: bars.ProgressColumn, spins: bool = False) -> bars.Progress:
     """On stderr, where that is a terminal, and gone when it ends; spins where nobody knows how much there is."""
     console = Console(stderr=True)
-    named = [*([SpinnerColumn()] if spins else []), TextColumn("{task.description}", markup=False)]
-    return Progress(*named, *columns, console=console, transient=True, disable=not console.is_terminal)
+    named = [*([bars.SpinnerColumn()] if spins else []), bars.TextColumn("{task.description}", markup=False)]
+    return bars.Progress(*named, *columns, console=console, transient=True, disable=not console.is_terminal)

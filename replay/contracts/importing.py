@@ -119,13 +119,10 @@ def check_items(name: str, rig: Rig, items: Iterable[Imported]) -> Iterator[Impo
 
 def times_ns(item: Imported) -> tuple[int, int]:
     """When an item was recorded, and when it was measured."""
-    match item:
-        case RigChange():
-            return item.log_ns, item.log_ns
-        case OtherResult():
-            return item.boxes.log_ns, item.boxes.stamp_ns
-        case _:
-            return item.log_ns, item.stamp_ns
+    if isinstance(item, RigChange):
+        return item.log_ns, item.log_ns
+    timed = item.boxes if isinstance(item, OtherResult) else item
+    return timed.log_ns, timed.stamp_ns
 
 
 def _what(item: Imported) -> str:
