@@ -28,10 +28,10 @@ def test_else_one_for_each_processor(text: str | None, monkeypatch: pytest.Monke
 @pytest.mark.slow
 def test_a_worker_of_a_suite_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "asked.py").write_text(
-        "from fbench.api.cells import Answer\n"
+        "from fbench.api.cells import ANSWER, Answer\n"
         "from fbench.replay.geometry.kernels import num_threads\n"
         "input()\n"
-        "print(Answer(str(num_threads())).to_json(), flush=True)\n"
+        "print(ANSWER.dump_json(Answer(str(num_threads()))).decode(), flush=True)\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv(VARIABLE, "7")
