@@ -147,7 +147,7 @@ def score(request: ScoreRequest) -> ScoreResult:
 def score_files(request: FileScoreRequest) -> ScoreResult:
     """Score results of another system, from files. Raises FbenchError where they can't be scored."""
     from fbench.metrics.files.sequences import MISSING, Choice, open_files
-    from fbench.metrics.profiles.choose import choose_profile, compared_space, evaluate, fit_profile, only
+    from fbench.metrics.profiles.choose import choose_profile, evaluate, fit_profile, only, space_to_compare
     from fbench.metrics.profiles.remarks import Remarks
 
     profile = choose_profile(request.profile, request.match)
@@ -163,7 +163,7 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
     pair = open_files(request.truth, request.detections, choice, *formats)
     profile = fit_profile(profile, pair, request.match is not None)
     remarks = Remarks(profile, str(request.detections), str(request.truth))
-    result = evaluate(profile, remarks.watch(pair.sequences(compared_space(profile))))
+    result = evaluate(profile, remarks.watch(pair.sequences(space_to_compare(profile))))
     remarks.require_tracks()
     rows = only(result.scores(request.resampling.bootstrap()), tuple(request.classes))
     odd = [f"{request.detections}: {line}" for line in pair.warnings.lines()]

@@ -34,7 +34,7 @@ class Case:
     half: str = ""  # Frames of its first half
 
 
-def opened_files(root: Path, work: Callable[[], object]) -> list[Path]:
+def list_opened_files(root: Path, work: Callable[[], object]) -> list[Path]:
     """Which files below a folder a piece of work reads."""
     paths: dict[Path, None] = {}
     is_over = False
@@ -74,7 +74,7 @@ def cases(folder: Path, num_bytes: float) -> Iterator[Case]:
 
 def report(case: Case, out: Path) -> None:
     importer = make_importer(case.dataset, [])
-    paths = opened_files(case.source, lambda: import_one(importer, case.source, out))
+    paths = list_opened_files(case.source, lambda: import_one(importer, case.source, out))
     megabytes = sum(path.stat().st_size for path in paths) / 1e6
     copied = best_s(lambda: copy(paths, out), REPEATS)
     imported = best_s(lambda: import_one(importer, case.source, out), REPEATS)

@@ -18,24 +18,24 @@ class Published:
     change: Mapping[str, float]  # Relative change of F1 against the normal condition, by condition
 
 
-def _published(f1: float, mota: float, traffic: float, rain: float, fog: float, night: float) -> Published:
+def _figures(f1: float, mota: float, traffic: float, rain: float, fog: float, night: float) -> Published:
     changes = {"traffic": traffic, "rain": rain, "fog": fog, "dense-fog": fog, "night": night}
     return Published(f1 / 100, mota / 100, {name: value / 100 for name, value in changes.items()})
 
 
-_CAMERA = _published(68.24, 61.43, -12.37, -24.82, -37.64, -41.29)
-_LIDAR = _published(71.51, 67.86, -9.41, -18.56, -22.34, -27.18)
-_RADAR = _published(67.66, 49.14, -6.27, -8.43, -10.18, -14.92)
+_CAMERA = _figures(68.24, 61.43, -12.37, -24.82, -37.64, -41.29)
+_LIDAR = _figures(71.51, 67.86, -9.41, -18.56, -22.34, -27.18)
+_RADAR = _figures(67.66, 49.14, -6.27, -8.43, -10.18, -14.92)
 _CONFIGURATIONS: Mapping[tuple[str, Space], Published] = {
     ("camera2d", "image"): _CAMERA,
     ("lidar2d", "image"): _LIDAR,
     ("lidar3d", "3D"): _LIDAR,
     ("radar2d", "image"): _RADAR,
     ("radar3d", "3D"): _RADAR,
-    ("early2d", "image"): _published(82.32, 74.65, -7.52, -13.78, -17.46, -20.31),
-    ("early3d", "3D"): _published(80.71, 78.27, -6.48, -12.29, -15.63, -18.44),
-    ("late2d", "image"): _published(85.16, 79.42, -5.36, -10.72, -12.58, -15.27),
-    ("late3d", "3D"): _published(83.58, 82.66, -4.29, -8.65, -10.41, -12.16),
+    ("early2d", "image"): _figures(82.32, 74.65, -7.52, -13.78, -17.46, -20.31),
+    ("early3d", "3D"): _figures(80.71, 78.27, -6.48, -12.29, -15.63, -18.44),
+    ("late2d", "image"): _figures(85.16, 79.42, -5.36, -10.72, -12.58, -15.27),
+    ("late3d", "3D"): _figures(83.58, 82.66, -4.29, -8.65, -10.41, -12.16),
 }
 PUBLISHED: Mapping[tuple[str, Space], Published] = {
     **_CONFIGURATIONS, **{(f"thesis/{name}", space): own for (name, space), own in _CONFIGURATIONS.items()},
@@ -81,7 +81,7 @@ def accuracy_table(runs: Sequence[ScoredRun]) -> ResultTable:
             f1, no_fp = replace(f1, published=published.f1), replace(no_fp, published=published.mota_no_fp)
         truth = Figure(f1.counts["tp"] + f1.counts["fn"]) if f1.counts else Figure(None, f1.reason)
         lines.append(Line(own[0].configuration, space, (f1, mota, no_fp, truth)))
-    notes = (*_NOTES, *_published_notes(lines))
+    notes = (*_NOTES, *_notes_on_thesis(lines))
     return ResultTable("accuracy", "Accuracy in clear weather (table 9.4), %", _ACCURACY, tuple(lines), notes)
 
 
@@ -95,7 +95,7 @@ def robustness_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> Re
             figures = [replace(f, published=published.change.get(n)) for f, n in zip(figures, names, strict=True)]
         lines.append(Line(own[0].configuration, space, tuple(figures)))
     columns = tuple(Column(name, "change") for name in names)
-    notes = ("Relative: -50 is half of the F1 in clear weather.", *_published_notes(lines))
+    notes = ("Relative: -50 is half of the F1 in clear weather.", *_notes_on_thesis(lines))
     return ResultTable("robustness", "Change of F1 against clear weather (table 9.5), %", columns, tuple(lines), notes)
 
 
@@ -139,5 +139,5 @@ def _groups(runs: Sequence[ScoredRun]) -> list[tuple[list[ScoredRun], Space]]:
     return [(members, space) for members, space in found if space in spaces_of(members)]
 
 
-def _published_notes(lines: Sequence[Line]) -> tuple[str, ...]:
+def _notes_on_thesis(lines: Sequence[Line]) -> tuple[str, ...]:
     return NOTES if any(figure.published is not None for line in lines for figure in line.figures) else ()

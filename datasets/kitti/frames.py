@@ -107,7 +107,7 @@ class TrackingFrames:
     def _fixes(self) -> Mapping[int, Fix]:
         """Where the IMU was in all frames, as the first one is the origin of the world; none without a file."""
         found = {}
-        for line in sensors.bounded_lines(self._poses_path) if self._poses_path.is_file() else ():
+        for line in sensors.read_bounded_lines(self._poses_path) if self._poses_path.is_file() else ():
             try:
                 found[line.number - 1] = fix_of(" ".join(line.fields), line.where)
             except LogError as error:

@@ -7,7 +7,7 @@ from itertools import chain
 from pathlib import Path
 
 from fbench.datasets.importing.files import find_numbered
-from fbench.datasets.kitti.sensors import bounded_lines, camera_name
+from fbench.datasets.kitti.sensors import camera_name, read_bounded_lines
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, FrameRange
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D
@@ -53,7 +53,7 @@ def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, c
     found: dict[int, list[LabeledObject]] = {}
     ids: set[tuple[int, int]] = set()
     num_frames = 0
-    for line in bounded_lines(path, comma):
+    for line in read_bounded_lines(path, comma):
         try:
             frame = frame_number(line.fields[0], line.where)
             if frame >= MAX_FRAMES:
@@ -69,7 +69,7 @@ def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, c
 def frame_rows(path: Path, parse: Parse, bad: BadInput) -> list[LabeledObject]:
     """Read the file of one frame. Raises LogError naming the row that can't be used, unless such are skipped."""
     objects: list[LabeledObject] = []
-    for line in bounded_lines(path):
+    for line in read_bounded_lines(path):
         try:
             objects.append(_check(parse(line), line, 0, set()))
         except LogError as error:

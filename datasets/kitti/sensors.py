@@ -137,7 +137,7 @@ def split_folders(source: Path) -> Mapping[str, Path]:
     return {"": inner[0] if inner else source}
 
 
-def bounded_lines(path: Path, comma: bool = False) -> Iterator[Line]:
+def read_bounded_lines(path: Path, comma: bool = False) -> Iterator[Line]:
     """Return the lines of a text, split at blanks or commas. LogError: isn't readable UTF-8; LimitError: too large."""
     if path.exists():
         require_file(path)
@@ -161,7 +161,7 @@ def read_calibration(path: Path, cameras: Collection[int], needs_lidar: bool) ->
     of numbers, or can't be a calibration.
     """
     found: dict[str, Float64] = {}
-    for line in bounded_lines(path):
+    for line in read_bounded_lines(path):
         key = line.fields[0].removesuffix(":")
         if key in found:
             raise LogError(f"{line.where}: {key} a second time")

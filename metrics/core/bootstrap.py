@@ -18,7 +18,7 @@ from fbench.replay.data.scores import Score
 Summed = TypeVar("Summed")
 
 
-def weighted_sums(units: Sequence[Summed], total: Summed, times: Int64) -> Iterator[Summed] | None:
+def sum_weighted(units: Sequence[Summed], total: Summed, times: Int64) -> Iterator[Summed] | None:
     """Return the sums in which unit u of U is `times[k, u]` (K, U) times; `None` where they must be added one by one.
 
     Statistics are dataclasses, tuples and mappings that hold ints and `Fraction`s. Where all are of one form, and the
@@ -127,7 +127,7 @@ def intervals(
         return dict.fromkeys(names, f"{len(units)} {unit}, at least {LEAST_UNITS} are needed")
     found: dict[Key, list[float]] = {name: [] for name in names}
     draws, often = np.unique(how.times(len(units)), axis=0, return_counts=True)  # few units: many are alike
-    sums = weighted_sums(units, reduce(add, units), draws) or _add_one_by_one(units, draws)
+    sums = sum_weighted(units, reduce(add, units), draws) or _add_one_by_one(units, draws)
     for total, num in zip(sums, often.tolist(), strict=True):
         for name, value in values(total).items():
             if value is not None and name in found:

@@ -78,7 +78,7 @@ def only(rows: Iterable[Score], classes: tuple[str, ...]) -> list[Score]:
     return [row for row in found if not classes or row.class_ in classes]
 
 
-def compared_space(profile: AnyProfile) -> Space:
+def space_to_compare(profile: AnyProfile) -> Space:
     """Return where a profile compares boxes: what is wrong with them elsewhere is no matter to it."""
     if isinstance(profile, Kitti3dMot):
         return _space_of(profile.rules.match)

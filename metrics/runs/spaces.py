@@ -38,7 +38,7 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
         centers = np.where(finite(boxes)[0][:, None], boxes.center_m, 0.0)
         inside = np.asarray(np.hypot(centers[:, 0], centers[:, 1]) <= options.range_m)
         for rig, rows in labeled.rigs(frame) if options.in_view else ():
-            if cameras := _modeled_cameras(rig):
+            if cameras := _cameras_with_model(rig):
                 inside[rows] &= np.any([_in_view(rig, name, centers[rows]) for name in cameras], axis=0)
         if options.regions:
             inside &= on_ground(run, options.regions, labeled.indices[frame], centers)
@@ -49,7 +49,7 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     truth, num_invalid = once(run, ("truth on the ground", options), lambda: _truth(labeled, "3d", options, place))
     estimates = place(*labeled.rows(table))
     sequence = Sequence(run.manifest.log.name, labeled.steps(), truth, estimates, labeled.num_unlabeled, num_invalid)
-    view = ", in view" if options.in_view and _modeled_cameras(run.manifest.rig) else ""
+    view = ", in view" if options.in_view and _cameras_with_model(run.manifest.rig) else ""
     matching = f"bev {options.distance_m:g} m, within {options.range_m:g} m{view}{_limits(options)}"
     reason = None if labeled.frames else "no truth"
     return View(Match("bev", options.distance_m), matching, sequence, len(run.frames), reason)
@@ -64,7 +64,7 @@ def _truth(labeled: Labelled, space: Literal["2d", "3d"], options: ScoreOptions,
     return place(frame, boxes, seen), int((~good).sum())
 
 
-def _modeled_cameras(rig: Rig) -> list[str]:
+def _cameras_with_model(rig: Rig) -> list[str]:
     """Cameras whose view is known: those whose lens distortion is modeled."""
     return [name for name, camera in sorted(rig.cameras.items()) if not_projectable(camera) is None]
 

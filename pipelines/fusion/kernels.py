@@ -71,7 +71,7 @@ def nearest_by_bearing(xy: Float64, num_bins: int) -> Float64:
 
 
 @kernel
-def hidden_shares(nearest_m: Float64, bearing_rad: Float64, half_rad: Float64, near_m: Float64) -> Float64:
+def occlusion_shares(nearest_m: Float64, bearing_rad: Float64, half_rad: Float64, near_m: Float64) -> Float64:
     """Share (N,) of the directions within `half_rad` of `bearing_rad` in which something is nearer than `near_m`."""
     num_bins = len(nearest_m)
     result = np.zeros(len(bearing_rad))

@@ -83,7 +83,7 @@ class ResultFinder:
         return result, len(passed)
 
     def _fits(self, held: _Held, frame: Frame, before: Frame | None, reach_before_ns: int) -> bool:
-        counted = _counted(held.truth, frame)
+        counted = _count(held.truth, frame)
         if counted is not None:
             return counted[0] == counted[1]
         behind_ns = held.stamp_ns - frame.stamp_ns
@@ -112,7 +112,7 @@ class ResultFinder:
         """Tell whether the newest result lies so far behind a frame that those after it do as well."""
         if self._newest is None:
             return False
-        counted = _counted(self._newest.truth, frame)
+        counted = _count(self._newest.truth, frame)
         if counted is not None:
             return counted[0] > counted[1] + _LOOK_AHEAD
         return self._newest.stamp_ns > frame.stamp_ns + self._tolerance_ns + _LOOK_AHEAD_NS
@@ -124,7 +124,7 @@ def _distance(held: _Held, frame: Frame) -> tuple[int, int]:
     return abs(held.stamp_ns - frame.stamp_ns), abs(held.truth.log_ns - arrived_ns)
 
 
-def _counted(truth: Truth, frame: Frame) -> tuple[int, int] | None:
+def _count(truth: Truth, frame: Frame) -> tuple[int, int] | None:
     """Numbers of a result's frame and of a frame, both by the log's count or fbench's; `None` where stamps tell."""
     if truth.frame_index is None:
         return None
@@ -134,7 +134,7 @@ def _counted(truth: Truth, frame: Frame) -> tuple[int, int] | None:
 
 
 def _is_between(held: _Held, before: Frame, frame: Frame) -> bool:
-    first, second = _counted(held.truth, before), _counted(held.truth, frame)
+    first, second = _count(held.truth, before), _count(held.truth, frame)
     if first is not None and second is not None:
         return first[1] < first[0] and second[0] < second[1]
     return before.stamp_ns < held.stamp_ns < frame.stamp_ns

@@ -145,14 +145,14 @@ def variant_of(pipeline: str) -> Variant | None:
     found = _files(groups[group])
     if name not in found:
         raise ConfigError(f"unknown pipeline '{pipeline}'{did_you_mean(pipeline, (f'{group}/{n}' for n in found))}")
-    return _built_in(group, found[name])
+    return _read_built_in(group, found[name])
 
 
 def find_variants() -> Iterator[tuple[Variant, EntryPoint]]:
     """Give all that come with fbench and with plug-ins, by name, and by which entry point each comes in."""
     for group, point in _groups().items():
         for file in _files(point).values():
-            yield _built_in(group, file), point
+            yield _read_built_in(group, file), point
 
 
 def sensors_of(pipeline: str, given: Sequence[str]) -> list[str]:
@@ -199,6 +199,6 @@ def _files(point: EntryPoint) -> dict[str, Traversable]:
     return {file.name.removesuffix(SUFFIX): file for file in sorted(found, key=lambda file: file.name)}
 
 
-def _built_in(group: str, file: Traversable) -> Variant:
+def _read_built_in(group: str, file: Traversable) -> Variant:
     folder = file.parent if isinstance(file, Path) else None
     return parse_variant(file.read_bytes(), f"{group}/{file.name}", folder, group)

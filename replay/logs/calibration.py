@@ -32,7 +32,7 @@ class LogCalibration:
     @cached_property
     def rig(self) -> Rig:
         """Sensors as the log begins. Raises LogError naming one without transform or calibration."""
-        return self._stored_rigs[0][1] if self.container.rigs else self._state.rig()
+        return self._container_rigs[0][1] if self.container.rigs else self._state.rig()
 
     @cached_property
     def coordinate_frames(self) -> CoordinateFrames:
@@ -66,14 +66,14 @@ class LogCalibration:
         rig: Rig | None = None
         with suppress(LogError):
             rig = self.rig
-        return RigChanges(rig, self._stored_rigs[1:], None if self.container.rigs else self._state)
+        return RigChanges(rig, self._container_rigs[1:], None if self.container.rigs else self._state)
 
     @cached_property
     def _state(self) -> RigState:
         return first_state(self.container, self.roles, self.left_out, self.setup)
 
     @cached_property
-    def _stored_rigs(self) -> list[tuple[int, Rig]]:
+    def _container_rigs(self) -> list[tuple[int, Rig]]:
         """Rigs that the container itself holds, as the setup wants them."""
         return [(log_ns, self._arrange(rig)) for log_ns, rig in self.container.rigs]
 

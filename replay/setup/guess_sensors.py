@@ -162,7 +162,7 @@ def _drop_derived(
             by_kind[kinds[t.topic][0]].append(t)
     good = []
     for kind, of_kind in by_kind.items():
-        derived = {t.topic: word for t in of_kind if (word := _derived_word(kind, t.topic))}
+        derived = {t.topic: word for t in of_kind if (word := _derivation_word(kind, t.topic))}
         if len(derived) == len(of_kind) and kind != "camera":
             derived = {}
         out |= {topic: f"its name says '{word}': not what the sensor measured" for topic, word in derived.items()}
@@ -170,7 +170,7 @@ def _drop_derived(
     return good
 
 
-def _derived_word(kind: str, topic: str) -> str:
+def _derivation_word(kind: str, topic: str) -> str:
     return next((word for word in _words(topic) if word in _DERIVED[kind]), "")
 
 
@@ -192,7 +192,7 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
         if kind == "camera":
             return "rect" in topic, is_thin, "mono" in topic or "gray" in topic, "compressed" in topic, t.topic
         no_doppler = not _doppler_field(t.fields)
-        return _derived_word(kind, topic) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic
+        return _derivation_word(kind, topic) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic
 
     kept: list[SampledTopic] = []
     for t in sorted(topics, key=rank):

@@ -63,7 +63,7 @@ def relabel(
         times = TruthTimes(instants, run.poses, max_between_ns)
         _match(run, times.match(truths), tables, faults)
         if not tables.truths:
-            raise MetricError(_unmatched(run, source.path, span))
+            raise MetricError(_explain_unmatched(run, source.path, span))
         between = InterpolationEntry(max_gap_ns=max_between_ns, num_frames=sum(map(times.is_between, tables.truths)))
         tables.finish(faults, file, between)
     return Relabelled(span.num, len(tables.truths), between.num_frames)
@@ -160,7 +160,7 @@ def _classify(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> 
     return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
 
 
-def _unmatched(run: Run, path: Path, span: _Span) -> str:
+def _explain_unmatched(run: Run, path: Path, span: _Span) -> str:
     frames = run.frames
     if not span.num:
         return f"{path}: no boxes in it"

@@ -16,7 +16,7 @@ from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
 from fbench.reports.html import overview
 from fbench.reports.html.records import environment, island, resource
-from fbench.reports.html.scene import scenes, shown_frames
+from fbench.reports.html.scene import frames_to_show, scenes
 from fbench.reports.html.scoreboard import result_view, scoreboard
 
 _PACKAGE = "fbench.reports.html"
@@ -44,7 +44,7 @@ def page(runs: Sequence[Run], results: Results | None = None) -> str:
         faults=overview.fault_lines(runs, labels),
         groups=overview.what_ran(runs),
         velocity_periods=overview.velocity_periods(runs),
-        num_kept=sum(len(shown_frames(run)) for run in runs),
+        num_kept=sum(len(frames_to_show(run)) for run in runs),
         style=Markup(resource(_PACKAGE, "style.css")),  # noqa: S704 - part of the package, as are the scripts
         script=Markup("\n".join(resource(_PACKAGE, name) for name in _SCRIPTS)),  # noqa: S704
         data=Markup(island(scenes(runs, labels))),  # noqa: S704 - escaped by `island`

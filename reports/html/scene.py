@@ -126,7 +126,7 @@ def scenes(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
     content = []
     for run, label in zip(runs, labels, strict=True):
         rig, rows = run.manifest.rig, row_numbers(run)
-        shown = [kept for kept in shown_frames(run) if kept.index in rows]
+        shown = [kept for kept in frames_to_show(run) if kept.index in rows]
         frames = [{"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)} for kept in shown]
         cameras = {name: list(camera.size_wh) for name, camera in sorted(rig.cameras.items())}
         content.append({"label": label, "timeline": timeline(run), "cameras": cameras, "frames": frames})
@@ -138,7 +138,7 @@ def _store(pool: dict[str, int], content: bytes) -> int:
     return pool.setdefault(base64.b64encode(content).decode("ascii"), len(pool))
 
 
-def shown_frames(run: Run) -> tuple[MediaFrame, ...]:
+def frames_to_show(run: Run) -> tuple[MediaFrame, ...]:
     """The frames that a run kept; where it kept none, as of a log without measurements, some with boxes."""
     if run.media or not run.frames:
         return run.media

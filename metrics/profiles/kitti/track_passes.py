@@ -149,7 +149,7 @@ def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:
     """Find the thresholds from the scores of all tables, and count at each."""
     walks = [_Walk(table) for table in tables]
     everything = _add_walks(walks, (ALL_RESULTS,), (1.0,), is_first=True)[0]
-    scores = np.concatenate([np.zeros(0), *(walk.matched_scores() for walk in walks)])
+    scores = np.concatenate([np.zeros(0), *(walk.scores_of_matches() for walk in walks)])
     thresholds, recalls = rows.recall_thresholds(scores, everything.tp + everything.fn, num_recalls)
     passes = _add_walks(walks, thresholds[1:], recalls[1:], is_first=False)  # the first is recall 0
     best_mota, best = 0.0, ALL_RESULTS
@@ -181,7 +181,7 @@ class _Walk:
         counts[:, [FP, RESULTS]] += table.num_bad_results
         return counts, sums
 
-    def matched_scores(self) -> Float64:
+    def scores_of_matches(self) -> Float64:
         """Return the scores of the tracks that matched in the last pass, one a match."""
         return self._score[self._table.estimate_track[self._matched[self._matched >= 0]]]
 

@@ -134,10 +134,10 @@ def _existence(
     is_sure = np.array([one.is_sure for one in seen.observations] + [False])[groups.observation]
     height_px = groups.sums(seen.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1)
     has_dense = bool((scene.cloud.source != int(Source.R)).any())
-    shape_odds, has_shape = _limited_odds(by_shape, params.most_odds), np.isfinite(by_shape)
+    shape_odds, has_shape = _limit_odds(by_shape, params.most_odds), np.isfinite(by_shape)
     with_camera = (
         params.camera
-        + params.camera_score * (_limited_odds(camera_score, params.most_odds) - _LEAST)
+        + params.camera_score * (_limit_odds(camera_score, params.most_odds) - _LEAST)
         + params.overlap * (overlap - 0.5)
         + np.where(has_shape, params.camera_shape * shape_odds, params.camera_shapeless)
         + params.camera_points * np.log1p(counts.dense + counts.moving)
@@ -152,7 +152,7 @@ def _existence(
     return probability_of(np.clip(total, -30.0, 30.0))
 
 
-def _limited_odds(probability: Float64, most: float) -> Float64:
+def _limit_odds(probability: Float64, most: float) -> Float64:
     return np.asarray(np.clip(log_odds(probability, 1e-9), -most, most), np.float64)
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.fusion.kernels import hidden_shares, nearest_by_bearing
+from fbench.pipelines.fusion.kernels import nearest_by_bearing, occlusion_shares
 from fbench.pipelines.fusion.late.association import Association
 from fbench.pipelines.fusion.late.place import Observations
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, Clusters, outline_overlaps
@@ -159,7 +159,7 @@ def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: F
     score = np.array([observations[i].score if i >= 0 else 0.0 for i in own])
     boxes = [s for s in observations if s.camera == name and s.is_sure]
     seen = np.array(own) >= 0
-    open_share = 1 - _hidden_shares(targets, rig.body_T_sensor(name)[:2, 3], obstacles, boxes)
+    open_share = 1 - _occlusion_shares(targets, rig.body_T_sensor(name)[:2, 3], obstacles, boxes)
     uv, depth = project_body(rig, name, targets.center_m)
     model = rig.cameras[name]
     height = model.K[1, 1] * targets.size_lwh_m[:, 2] / np.maximum(depth, 0.1)
@@ -187,7 +187,7 @@ def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
     confirmed = params.confirmed_lidar * saturate(points, params.full_points)
     dense = 1 / (1 + (evidence.distance_m / params.lidar_half_m) ** 4)
     could = _in_view(evidence, eye, lidar.all_xyz, params) * dense
-    could = could * (1 - _hidden_shares(evidence.targets, eye, obstacles, []))
+    could = could * (1 - _occlusion_shares(evidence.targets, eye, obstacles, []))
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("lidar", "lidar", seen, odds, confirmed_odds, np.where(seen, 1.0, could))
 
@@ -203,12 +203,14 @@ def _radar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
     score, confirmed = np.zeros(len(at)), np.zeros(len(at))
     score[seen] = (weight * radar.score)[at[seen]]
     confirmed[seen] = (sure * saturate(radar.num_points, params.full_points))[at[seen]]
-    could = _in_view(evidence, eye, radar.all_xyz, params) * (1 - _hidden_shares(evidence.targets, eye, obstacles, []))
+    could = _in_view(evidence, eye, radar.all_xyz, params) * (
+        1 - _occlusion_shares(evidence.targets, eye, obstacles, [])
+    )
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("radar", "radar", seen, odds, confirmed_odds, could)
 
 
-def _hidden_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: list[CameraObservation]) -> Float64:
+def _occlusion_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: list[CameraObservation]) -> Float64:
     """Share (N,) of objects' widths hidden from `eye_m` (2,) by nearer points (M, 3), or what a camera there sees."""
     nearest = nearest_by_bearing(np.ascontiguousarray(points[:, :2] - eye_m), _BINS)
     for s in boxes:
@@ -219,7 +221,7 @@ def _hidden_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: lis
     reach = np.maximum(np.hypot(off[:, 0], off[:, 1]), 0.1)
     half_rad = targets.size_lwh_m[:, 1] / 2 / np.maximum(reach, 1.0)
     near = reach - targets.size_lwh_m[:, 0] / 2 - _BEHIND_M
-    return hidden_shares(nearest, np.arctan2(off[:, 1], off[:, 0]), half_rad, near)
+    return occlusion_shares(nearest, np.arctan2(off[:, 1], off[:, 0]), half_rad, near)
 
 
 def _in_view(evidence: Evidence, eye_m: Float64, points: Float64, params: FusionParams) -> Bool:

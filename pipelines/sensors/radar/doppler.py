@@ -88,8 +88,8 @@ def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerPa
     """
     if params.period_mps is not None:
         return dict.fromkeys(radars, params.period_mps)
-    of_all = _logged_period(PERIOD_KEY, log_info)
-    own = {name: _logged_period(f"radar.{name}.velocity_period_mps", log_info) for name in radars}
+    of_all = _log_period(PERIOD_KEY, log_info)
+    own = {name: _log_period(f"radar.{name}.velocity_period_mps", log_info) for name in radars}
     return {name: (of_all or 0.0) if period is None else period for name, period in own.items()}
 
 
@@ -104,7 +104,7 @@ def with_logged_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams)
     return replace(params, ego_motion="removed" if text == "removed" else "included")
 
 
-def _logged_period(key: str, log_info: LogInfo) -> float | None:
+def _log_period(key: str, log_info: LogInfo) -> float | None:
     text = log_info.metadata.get(key)
     if text is None:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.core.bootstrap import Bootstrap, Interval, intervals, weighted_sums, with_intervals
+from fbench.metrics.core.bootstrap import Bootstrap, Interval, intervals, sum_weighted, with_intervals
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.default import DefaultProfile
 from fbench.metrics.tracking.hota import HotaCounts
@@ -75,7 +75,7 @@ def test_equal_units_have_no_spread() -> None:
 
 def test_what_isnt_a_sum_is_added_one_by_one() -> None:
     units = {str(i): Longest(i) for i in range(7)}
-    assert weighted_sums(list(units.values()), Longest(6), np.ones((1, 7), np.int64)) is None
+    assert sum_weighted(list(units.values()), Longest(6), np.ones((1, 7), np.int64)) is None
     how = Bootstrap(num=300)
     drawn = how.times(7)
     expected = [max(np.flatnonzero(row)) for row in drawn]
@@ -85,7 +85,7 @@ def test_what_isnt_a_sum_is_added_one_by_one() -> None:
 def test_sums_at_once_are_sums() -> None:
     units = [UNITS[name] for name in sorted(UNITS)]
     times = Bootstrap(num=20).times(8)
-    quick = weighted_sums(units, sum(units[1:], units[0]), times)
+    quick = sum_weighted(units, sum(units[1:], units[0]), times)
     assert quick is not None
     for total, row in zip(quick, times.tolist(), strict=True):
         plain = [unit for unit, num in zip(units, row, strict=True) for _ in range(num)]

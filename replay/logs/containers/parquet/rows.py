@@ -128,12 +128,12 @@ class Row(NamedTuple):
                 data, encoding = bytes(_need("data", self.blob("data"))), _need("encoding", self._value("encoding"))
                 return Image(*head, data, encoding, size_wh, self._frame_number())
             case "lidar":
-                more = (self._packed("intensity"), self._packed("ring", "<u2"), self._packed("offset_ns", "<i4"))
+                more = (self._unpack("intensity"), self._unpack("ring", "<u2"), self._unpack("offset_ns", "<i4"))
                 return PointCloud(*head, self._xyz(), *more, self._frame_number())
             case "radar":
                 return RadarScan(
-                    *head, self._xyz(), self._packed("radial_velocity_mps"), self._packed("rcs_dbsm"),
-                    self._packed("range_m"), self._packed("azimuth_rad"), self._packed("altitude_rad"),
+                    *head, self._xyz(), self._unpack("radial_velocity_mps"), self._unpack("rcs_dbsm"),
+                    self._unpack("range_m"), self._unpack("azimuth_rad"), self._unpack("altitude_rad"),
                     self._frame_number(),
                 )  # fmt: skip
             case "pose":
@@ -172,7 +172,7 @@ class Row(NamedTuple):
         except (ValueError, pa.ArrowException) as error:
             raise DecodeError(f"{name}: {error}") from error
 
-    def _packed(self, name: str, dtype: str = "<f4") -> Array | None:
+    def _unpack(self, name: str, dtype: str = "<f4") -> Array | None:
         """The numbers that are packed into binary data, as a view; `None` where there are none."""
         data = self.blob(name)
         if data is None:
@@ -184,7 +184,7 @@ class Row(NamedTuple):
 
     def _xyz(self) -> Array:
         """Coordinates (N, 3), the number of which is checked."""
-        xyz = _need("xyz", self._packed("xyz"))
+        xyz = _need("xyz", self._unpack("xyz"))
         if len(xyz) % 3:
             raise DecodeError(f"xyz has {len(xyz)} values, which aren't points")
         claimed = self.number("num_points")

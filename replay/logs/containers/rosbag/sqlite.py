@@ -256,7 +256,7 @@ class Db3File(StoredLog):
                         data = memoryview(cursor.execute(_DATA, (row,)).fetchone()[0])
                         data = unpack_message(data) if self._is_packed else data
                     except (RecordError, *FAILURES) as error:
-                        self._lost(row, log_ns, error)
+                        self._lose(row, log_ns, error)
                     else:
                         yield Entry(log_ns, wanted[channel], 0, 0, row, channel, 0, log_ns, data)
         if start_ns is None:
@@ -275,7 +275,7 @@ class Db3File(StoredLog):
             for found in database.execute(query, values):
                 log_ns, row = found[:2]
                 if not isinstance(log_ns, int) or log_ns < 0:
-                    self._lost(row, log_ns, "no such stamp")
+                    self._lose(row, log_ns, "no such stamp")
                     continue
                 at = (row,) if query == _TABLE else (log_ns, row)
                 if last is not None and at <= last:  # as in a tree of pages that goes in a circle
@@ -290,7 +290,7 @@ class Db3File(StoredLog):
             stamp = "unknown" if last_ns is None else last_ns
             self.once("LOG002", ("table",), f"database is damaged ({reason}), last good stamp {stamp}")
 
-    def _lost(self, row: int, log_ns: object, reason: object) -> None:
+    def _lose(self, row: int, log_ns: object, reason: object) -> None:
         self.once("LOG004", ("row", row), f"row {row} at {log_ns}: {reason}")
 
     def _heads(self, cursor: sqlite3.Cursor, keys: Iterable[tuple[Any, ...]]) -> Iterator[_Head]:
@@ -303,6 +303,6 @@ class Db3File(StoredLog):
                 if not isinstance(channel, int):
                     raise RecordError("its topic is no number")
             except (RecordError, *FAILURES) as error:
-                self._lost(row, log_ns, error)
+                self._lose(row, log_ns, error)
             else:
                 yield _Head(log_ns, row, channel, size)
