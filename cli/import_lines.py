@@ -1,4 +1,4 @@
-"""What is printed of an import: a line a log, and what many logs have in common."""
+"""Output of `fbench log import`: a line a log, and what many logs have in common."""
 
 import re
 from collections import Counter

@@ -16,7 +16,7 @@ _MAX_CHARS = 1200
 """Longer messages lose their middle, which then is a name or value from data."""
 
 
-def printable(text: str) -> str:
+def _clean(text: str) -> str:
     """Return a text of any origin as one short line: what isn't printable becomes a space, and credentials go."""
     half = _MAX_CHARS // 2
     short = text if len(text) <= _MAX_CHARS else f"{text[:half]} ... {text[-half:]}"
@@ -33,7 +33,7 @@ class FbenchError(Exception):
     exit_code = EXIT_DATA
 
     def __init__(self, text: str = "", code: str = "") -> None:
-        super().__init__(printable(text))
+        super().__init__(_clean(text))
         self.code = code
         """Row of the fault table (`replay/contracts/faults.py`), empty where none fits."""
 
@@ -99,7 +99,7 @@ def one_line(error: BaseException) -> str:
     what = next(iter(text.splitlines()), "no message")
     places = traceback.extract_tb(error.__traceback__)
     place = f" ({Path(places[-1].filename).name}:{places[-1].lineno})" if places else ""
-    return f"{type(error).__name__}: {printable(what)}{place}"
+    return f"{type(error).__name__}: {_clean(what)}{place}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

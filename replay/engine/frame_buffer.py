@@ -2,7 +2,8 @@
 
 Instants are the stamps of a reference sensor as recorded. Other messages join by frame number where the log has
 one, else by nearest stamp within a tolerance. A frame is released whole when every expected sensor has delivered,
-or partial when the time-out, counted in log time from its first arrival, has passed (thesis, Synchronization).
+or partial when the time-out has passed (thesis, Synchronization). It is counted in log time from the arrival of the
+reference's message; in logs with frame numbers, from the first message of the frame.
 """
 
 from collections import Counter

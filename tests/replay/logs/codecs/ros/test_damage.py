@@ -46,7 +46,8 @@ def use(codec, kind, data):
             codec.calibration(data)
         case "transform":
             codec.transforms(data)
-        case "truth":
+            codec.stamps(data)
+        case "truth" | "detections":
             codec.truth(data, ORIGIN)
         case _:
             codec.message(kind, data, ORIGIN)

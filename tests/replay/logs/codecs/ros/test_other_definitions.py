@@ -9,7 +9,8 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 from tests.replay.logs.codecs.ros import test_boxes, test_calibration, test_objects, test_radar
-from tests.replay.logs.codecs.ros.builders import DISTROS, ORIGIN, Ros
+from tests.replay.logs.codecs.ros.builders import DISTROS, Ros
+from tests.replay.logs.codecs.ros.test_damage import use
 
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.logs.codecs.ros.codec import ros_codec
@@ -91,16 +92,3 @@ def write(ros, name, schema):
     message = instance(store, name)
     cdr = ros.encoding == "cdr"
     return memoryview(bytes((store.serialize_cdr if cdr else store.serialize_ros1)(message, name)))
-
-
-def use(codec, kind, data):
-    match kind:
-        case "calibration":
-            codec.calibration(data)
-        case "transform":
-            codec.transforms(data)
-            codec.stamps(data)
-        case "truth" | "detections":
-            codec.truth(data, ORIGIN)
-        case _:
-            codec.message(kind, data, ORIGIN)
