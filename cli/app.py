@@ -47,7 +47,7 @@ app.command("report", epilog=examples("report"))(report.report)
 app.command("compare", epilog=examples("compare"))(compare.compare)
 app.command("verify", epilog=examples("verify"))(verify.verify)
 app.command("plugins", epilog=examples("plugins"))(plugins.plugins)
-log = typer.Typer(help="Look into logs and make them.", no_args_is_help=True)
+log = typer.Typer(help="Inspect, check, convert, import, export, and simulate logs.", no_args_is_help=True)
 log.command("info", epilog=examples("log info"))(log_info.info)
 log.command("check", epilog=examples("log check"))(log_check.check)
 log.command("preview", epilog=examples("log preview"))(log_preview.preview)
@@ -73,7 +73,9 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def common_options(
     debug: Annotated[bool, Option("--debug", help="Show tracebacks of errors.")] = False,
-    version: Annotated[bool, Option("--version", callback=_show_version, is_eager=True, help="Show it.")] = False,
+    version: Annotated[
+        bool, Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
 ) -> None:
     """Replay recorded sensor logs into perception pipelines, and measure them."""
     del debug, version  # commands find the first in their context

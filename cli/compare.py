@@ -17,7 +17,7 @@ _STYLES = {"better": "green", "worse": "red", "gone": "red", "null": "yellow", "
 def compare(
     base: Annotated[Path, Argument(metavar="BASE", help="The run to compare with.")],
     head: Annotated[Path, Argument(metavar="HEAD", help="The run that should not be worse.")],
-    tolerance: Annotated[float, Option(min=0, help="How much a primary metric may fall.")] = 0.0,
+    tolerance: Annotated[float, Option(min=0, help="Largest drop of a primary metric that passes.")] = 0.0,
     json: options.Json = False,
 ) -> None:
     """Print what changed between two runs; exit 1 when a primary metric fell by more than the tolerance."""

@@ -28,14 +28,14 @@ def demo(
     ),
     split: Annotated[
         Literal["dev", "test"] | None,
-        Option(help="The full suite instead of its short version, with seeds to develop on, or to report."),
+        Option(help="Run the full suite, with seeds to develop on (dev) or to report (test)."),
     ] = None,
     seconds: Annotated[
-        float | None, Option(metavar="S", help="Length of each log, in s: 1.5, with --split 10.")
+        float | None, Option(metavar="S", help="Length of each log, in s (default: 1.5; with --split: 10).")
     ] = None,
     num_seeds: Annotated[int | None, Option(metavar="N", min=1, help="Only the first N seeds of the split.")] = None,
     workers: Annotated[
-        int | None, Option(metavar="N", min=1, max=256, help="Replays at a time; changes no result.")
+        int | None, Option(metavar="N", min=1, max=256, help="Parallel replays; results don't depend on it.")
     ] = None,
 ) -> None:
     """Simulate drives through a city in all weathers, replay them into all pipelines, and compare.

@@ -17,7 +17,9 @@ _MAX_VALUE = 48
 
 def init(
     log: options.Log,
-    out: Annotated[Path | None, Option("--out", "-o", help="File to write; else fbench.toml beside the log.")] = None,
+    out: Annotated[
+        Path | None, Option("--out", "-o", help="File to write (default: fbench.toml beside the log).")
+    ] = None,
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing file.")] = False,
     json: options.Json = False,
 ) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def check(
     log: options.Log,
     pipeline: Annotated[
-        str | None, Option("--pipeline", "-p", metavar="NAME", help="Say what this pipeline would miss too.")
+        str | None, Option("--pipeline", "-p", metavar="NAME", help="Also report what this pipeline would miss.")
     ] = None,
     settings: options.Settings = None,
     config: options.Config = None,
@@ -36,9 +36,9 @@ def check(
     offset: options.Offset = None,
     stamps: options.Stamps = None,
     ignore: Annotated[
-        list[str] | None, Option(metavar="CODE", help="Show these findings as information only; repeatable.")
+        list[str] | None, Option(metavar="CODE", help="Report findings of this code as information only; repeatable.")
     ] = None,
-    images: Annotated[bool, Option("--images", help="Decode images whole, not only their headers.")] = False,
+    images: Annotated[bool, Option("--images", help="Decode whole images, not only their headers.")] = False,
     json: options.Json = False,
 ) -> None:
     """Read a whole log and report what is wrong: exit 0 clean, 1 findings, 3 unreadable."""

@@ -21,15 +21,22 @@ def convert(
     compression: Annotated[
         str, Option(metavar="NAME", help="MCAP: zstd, lz4 or none. Parquet: zstd, snappy or none.")
     ] = "zstd",
-    chunk_size: Annotated[int | None, Option(metavar="BYTES", help="Of MCAP; else 1 MiB.")] = None,
-    rows_per_group: Annotated[int | None, Option(metavar="N", help="Of Parquet; else as many as make 8 MiB.")] = None,
-    from_: Annotated[
-        str | None, Option("--from", metavar="T", help="Cut: seconds after the first measurement, or a log time 'Nns'.")
+    chunk_size: Annotated[int | None, Option(metavar="BYTES", help="MCAP chunk size (default: 1 MiB).")] = None,
+    rows_per_group: Annotated[
+        int | None, Option(metavar="N", help="Rows of a Parquet row group (default: as many as fit into 8 MiB).")
     ] = None,
-    to: Annotated[str | None, Option("--to", metavar="T", help="Where to stop, itself left out.")] = None,
+    from_: Annotated[
+        str | None,
+        Option(
+            "--from", metavar="T", help="Start of the cut: seconds after the first measurement, or a log time 'Nns'."
+        ),
+    ] = None,
+    to: Annotated[str | None, Option("--to", metavar="T", help="End of the cut (excluded).")] = None,
     topics: Annotated[
         list[str] | None,
-        Option("--topics", metavar="PATTERN", help="Keep these topics or sensors (not: '!PATTERN'); repeatable."),
+        Option(
+            "--topics", metavar="PATTERN", help="Keep only these topics or sensors ('!PATTERN' excludes); repeatable."
+        ),
     ] = None,
     split_s: Annotated[
         float | None, Option(metavar="SECONDS", help="Write a folder of MCAP files, each of this duration.")
@@ -38,7 +45,7 @@ def convert(
         float | None, Option(metavar="MB", help="Write a folder of MCAP files, each of about this size.")
     ] = None,
     decode: Annotated[
-        bool, Option("--decode", help="Turn the log of others into fbench's own messages; the rest is left out.")
+        bool, Option("--decode", help="Convert another program's log to fbench's messages; leave out the rest.")
     ] = False,
     config: options.Config = None,
     rig: options.RigFiles = None,

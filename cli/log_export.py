@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def export(
-    sources: Annotated[list[Path], Argument(metavar="SRC...", help="Run folders, or logs whose truth is wanted.")],
+    sources: Annotated[list[Path], Argument(metavar="SRC...", help="Run folders, or logs whose truth to export.")],
     form: Annotated[
         str,
         Option("--format", "-f", metavar="FORMAT", help="kitti, kitti-tracking, mot, nuscenes or nuscenes-tracking."),
@@ -31,17 +31,17 @@ def export(
             "doesn't, and truth of a log.",
         ),
     ] = None,
-    camera: Annotated[str, Option(metavar="NAME", help="Whose image 2D boxes are in; else the only camera.")] = "",
+    camera: Annotated[str, Option(metavar="NAME", help="Camera of the 2D boxes (default: the only one).")] = "",
     frame: Annotated[
         str,
-        Option(
-            metavar="NAME", help="KITTI: camera, or 'body', in whose coordinates 3D boxes are; else as the log says."
-        ),
+        Option(metavar="NAME", help="KITTI: coordinates of 3D boxes, a camera or 'body' (default: as the log says)."),
     ] = "",
     class_name: Annotated[
-        str, Option("--class", metavar="NAME", help="Class of boxes that have none, as the format calls it.")
+        str, Option("--class", metavar="NAME", help="Class to write for boxes without one, in the format's terms.")
     ] = "",
-    name: Annotated[str, Option(metavar="NAME", help="Of the files of a single SRC; else as its log.")] = "",
+    name: Annotated[
+        str, Option(metavar="NAME", help="Name of the files of a single SRC (default: the name of its log).")
+    ] = "",
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an earlier export.")] = False,
     json: options.Json = False,
 ) -> None:

@@ -22,10 +22,10 @@ _SUFFIXES = (".mcap", ".parquet")
 
 
 def import_(
-    dataset: Annotated[str, Argument(help="Which dataset, such as kitti; see `fbench plugins datasets`.")],
+    dataset: Annotated[str, Argument(help="Dataset, such as kitti; see `fbench plugins datasets`.")],
     source: Annotated[Path, Argument(metavar="SRC", help="The dataset's folder.")],
     out: Annotated[
-        Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, else a folder for all logs.")
+        Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, or a folder for several.")
     ],
     scenes: Annotated[
         list[str] | None,
@@ -33,17 +33,17 @@ def import_(
     ] = None,
     frames: Annotated[
         str | None,
-        Option("--frames", metavar="A:B", help="Only these frames, as the dataset numbers them, B left out."),
+        Option("--frames", metavar="A:B", help="Only these frames, numbered as in the dataset, B excluded."),
     ] = None,
     detections: Annotated[
         Path | None,
-        Option(metavar="DIR", help="Take in another system's results; KITTI's benchmarks have files for them."),
+        Option(metavar="DIR", help="Also import the results of another system (KITTI's benchmarks)."),
     ] = None,
     settings: options.Settings = None,
     skip_bad: Annotated[
-        bool, Option("--skip-bad", help="Skip and count what can't be used, instead of ending there; exit 4.")
+        bool, Option("--skip-bad", help="Skip and count unusable input instead of stopping; exit 4.")
     ] = False,
-    form: Annotated[Literal["mcap", "parquet"], Option(help="Of the logs in a folder.")] = "mcap",
+    form: Annotated[Literal["mcap", "parquet"], Option(help="Format of the logs in a folder.")] = "mcap",
     overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
     json: options.Json = False,
 ) -> None:

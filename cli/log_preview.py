@@ -20,9 +20,9 @@ TIMEOUT_NS = 1_000_000_000
 
 def preview(
     log: options.Log,
-    out: Annotated[Path | None, Option("--out", "-o", help="Folder of the pictures; else LOG-preview.")] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help="Folder for the pictures (default: LOG-preview).")] = None,
     frames: options.Frames = None,
-    num: Annotated[int, Option(metavar="N", min=1, max=200, help="So many frames, evenly spread.")] = 6,
+    num: Annotated[int, Option(metavar="N", min=1, max=200, help="Number of evenly spaced frames.")] = 6,
     config: options.Config = None,
     rig: options.RigFiles = None,
     truth: options.TruthFile = None,

@@ -26,37 +26,36 @@ def simulate(
         str,
         Argument(
             metavar="WORLD",
-            help="urban, highway; suite: all logs of the fixed suite; training: those of the built-in detector.",
+            help="urban or highway; suite: the logs of the fixed suite; training: those of the built-in detector.",
         ),
     ],
     out: Annotated[
-        Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet; of a suite the folder for its logs.")
+        Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet; for a suite, the folder of its logs.")
     ],
     condition: Annotated[
-        str, Option(metavar="NAME", help="clear, traffic, rain, heavy-rain, fog, night ..., or a mixture: rain+night.")
+        str,
+        Option(metavar="NAME", help="clear, traffic, rain, heavy-rain, fog, night ..., or a combination: rain+night."),
     ] = "clear",
     seconds: Annotated[float, Option(metavar="S", help="Length of the log, in s.")] = 10.0,
-    seed: Annotated[int, Option(metavar="N", help="Another seed, another world; the same one, the same bytes.")] = 0,
+    seed: Annotated[int, Option(metavar="N", help="Random seed. Equal seeds give equal bytes.")] = 0,
     split: Annotated[
         Literal["dev", "test"] | None,
-        Option(help="Of a suite: seeds to develop on (dev, unless said otherwise), or those to report."),
+        Option(help="Seeds of a suite: 'dev' to develop on (default), 'test' to report."),
     ] = None,
     rig: Annotated[
-        Path | None, Option("--rig", metavar="FILE", help="TOML with the sensors; else the thesis's rig.")
+        Path | None, Option("--rig", metavar="FILE", help="TOML with the sensors (default: the thesis's rig).")
     ] = None,
     sensors: Annotated[
         list[str] | None,
-        Option("--sensors", metavar="PATTERN", help="Only these sensors (not: '!PATTERN'); repeatable."),
+        Option("--sensors", metavar="PATTERN", help="Only these sensors ('!PATTERN' excludes); repeatable."),
     ] = None,
     settings: Annotated[
         list[str] | None, Option("--set", metavar="NAME=VALUE", help="Change a sensor or the weather; repeatable.")
     ] = None,
     threads: Annotated[
-        int | None, Option(metavar="N", min=1, max=256, help="Messages made at once; changes no byte.")
+        int | None, Option(metavar="N", min=1, max=256, help="Number of threads; the output doesn't depend on it.")
     ] = None,
-    form: Annotated[
-        Literal["mcap", "parquet"] | None, Option(help="Of a suite's logs; mcap, unless said otherwise.")
-    ] = None,
+    form: Annotated[Literal["mcap", "parquet"] | None, Option(help="Format of a suite's logs (default: mcap).")] = None,
     overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
     json: options.Json = False,
 ) -> None:

@@ -19,10 +19,10 @@ Overwrite = Annotated[bool, Option("--overwrite", help="Replace an existing run.
 RangeM = Annotated[float, Option("--range-m", metavar="M", min=0, help="Score objects within this distance, in m.")]
 InView = Annotated[bool, Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
 DistanceM = Annotated[
-    float, Option("--distance-m", metavar="M", min=0, help="3D match: centers this near on the ground, in m.")
+    float, Option("--distance-m", metavar="M", min=0, help="3D match: maximum distance of centers on the ground, in m.")
 ]
 Reference = Annotated[
-    str | None, Option("--reference", metavar="SENSOR", help="Whose stamps are the frames' instants.")
+    str | None, Option("--reference", metavar="SENSOR", help="Sensor whose stamps define the frames.")
 ]
 TimeoutMs = Annotated[
     float | None,
@@ -30,43 +30,51 @@ TimeoutMs = Annotated[
         "--timeout-ms",
         metavar="MS",
         min=0,
-        help="How long a frame waits for its sensors, in ms; else 30, or as the log says.",
+        help="How long a frame waits for its sensors, in ms (default: as the log says, else 30).",
     ),
 ]
 ToleranceMs = Annotated[
     float | None,
-    Option("--tolerance-ms", metavar="MS", min=0, help="How far stamps may lie from the instant, in ms; else 50."),
+    Option(
+        "--tolerance-ms",
+        metavar="MS",
+        min=0,
+        help="Maximum distance of a stamp from the frame's instant, in ms (default: 50).",
+    ),
 ]
 MaxGapS = Annotated[
-    float | None, Option("--max-gap-s", metavar="S", min=0, help="A longer pause begins a new segment, in s; else 2.")
+    float | None, Option("--max-gap-s", metavar="S", min=0, help="Gap that starts a new segment, in s (default: 2).")
 ]
 From = Annotated[
     str | None,
-    Option("--from", metavar="T", help="First instant: seconds after the first measurement, or a stamp 'Nns'."),
+    Option("--from", metavar="T", help="Start: seconds after the first measurement, or a stamp 'Nns'."),
 ]
-To = Annotated[str | None, Option("--to", metavar="T", help="Instant at which to stop, itself left out.")]
-Frames = Annotated[str | None, Option("--frames", metavar="A:B", help="Indices of frames, B left out.")]
+To = Annotated[str | None, Option("--to", metavar="T", help="End (excluded).")]
+Frames = Annotated[str | None, Option("--frames", metavar="A:B", help="Frame indices, B excluded.")]
 Topics = Annotated[
     list[str] | None,
-    Option("--topics", metavar="PATTERN", help="Read only these topics or sensors (not: '!PATTERN'); repeatable."),
+    Option("--topics", metavar="PATTERN", help="Read only these topics or sensors ('!PATTERN' excludes); repeatable."),
 ]
 Sensors = Annotated[
     list[str] | None,
-    Option("--sensors", metavar="PATTERN", help="Give the pipeline only these sensors (not: '!PATTERN'); repeatable."),
+    Option(
+        "--sensors", metavar="PATTERN", help="Give the pipeline only these sensors ('!PATTERN' excludes); repeatable."
+    ),
 ]
 Offset = Annotated[
-    list[str] | None, Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; repeatable.")
+    list[str] | None,
+    Option("--offset", metavar="SENSOR=MS", help="Offset added to the stamps of a sensor; repeatable."),
 ]
 Stamps = Annotated[
     str | None,
     Option(
         "--stamps",
         metavar="SOURCE",
-        help="Instants are those of the 'header' (by default), or of the 'log', when it was recorded.",
+        help="Use the stamps of the 'header' (default), or the recording times of the 'log'.",
     ),
 ]
 ReadAhead = Annotated[
-    str, Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
+    str, Option("--read-ahead", metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")
 ]
 InterpolateTruthMs = Annotated[
     float,
@@ -80,16 +88,20 @@ InterpolateTruthMs = Annotated[
 ]
 MinCoverage = Annotated[
     float,
-    Option("--min-coverage", metavar="SHARE", min=0, max=1, help="Exit 1 where a smaller share of outputs had truth."),
+    Option(
+        "--min-coverage", metavar="SHARE", min=0, max=1, help="Exit with 1 if a smaller share of outputs had truth."
+    ),
 ]
-NoMedia = Annotated[bool, Option("--no-media", help="Keep no images and no points in the run.")]
+NoMedia = Annotated[bool, Option("--no-media", help="Keep images and points out of the run.")]
 Redact = Annotated[
-    bool, Option("--redact", help="Also leave out names of the log and of files, paths, places of faults and poses.")
+    bool, Option("--redact", help="Also leave out log and file names, paths, poses, and the places of faults.")
 ]
-Iou = Annotated[float, Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: at least this overlap.")]
+Iou = Annotated[float, Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: minimum overlap (IoU).")]
 Config = Annotated[
     str | None,
-    Option("--config", metavar="FILE", help="An fbench.toml; else the one beside the log; 'none': none at all."),
+    Option(
+        "--config", metavar="FILE", help="Configuration file (default: fbench.toml beside the log); 'none' uses none."
+    ),
 ]
 RigFiles = Annotated[
     list[Path] | None,
@@ -97,13 +109,11 @@ RigFiles = Annotated[
 ]
 TruthFile = Annotated[Path | None, Option("--truth", metavar="PATH", help="Ground truth from this file or folder.")]
 TruthFormat = Annotated[
-    str | None, Option("--truth-format", metavar="FORMAT", help="Of --truth, where its content doesn't tell.")
+    str | None, Option("--truth-format", metavar="FORMAT", help="Format of --truth if its content doesn't show it.")
 ]
 TruthFrame = Annotated[
     str,
-    Option(
-        "--truth-frame", metavar="NAME", help="Coordinate frame, or camera, of --truth, where the file doesn't tell."
-    ),
+    Option("--truth-frame", metavar="NAME", help="Coordinate frame or camera of --truth if the file doesn't name it."),
 ]
 DetectionsFile = Annotated[
     Path | None,
@@ -119,7 +129,10 @@ PipelineOrFile = Annotated[
 DetectEvery = Annotated[
     int | None,
     Option(
-        "--detect-every", metavar="N", min=1, help="Detect in every N-th frame only; tracks are predicted in between."
+        "--detect-every",
+        metavar="N",
+        min=1,
+        help="Run detection on every N-th frame only, and predict tracks in between.",
     ),
 ]
 

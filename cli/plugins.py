@@ -11,7 +11,7 @@ def plugins(
     ] = None,
     name: Annotated[
         str | None,
-        Argument(help="One of them: its parameters, a metric's definition, a profile's rules.",
+        Argument(help="Show one: its parameters, a metric's definition, a profile's rules.",
                        show_default=False),
     ] = None,
 ) -> None:  # fmt: skip

@@ -24,7 +24,7 @@ def replay(
     truth_frame: options.TruthFrame = "",
     interpolate_truth_ms: options.InterpolateTruthMs = 0.0,
     detections: options.DetectionsFile = None,
-    out: Annotated[Path | None, Option("--out", "-o", help="Run folder; else runs/LOG-PIPELINE.")] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help="Run folder (default: runs/LOG-PIPELINE).")] = None,
     overwrite: options.Overwrite = False,
     rate: Annotated[
         str, Option("--rate", metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
@@ -42,14 +42,14 @@ def replay(
     stamps: options.Stamps = None,
     read_ahead: options.ReadAhead = "auto",
     on_fault: Annotated[
-        str, Option("--on-fault", metavar="HOW", help="'strict': lost data mean exit 4; 'tolerant': only counted.")
+        str, Option("--on-fault", metavar="HOW", help="'strict': exit 4 if data were lost; 'tolerant': only count it.")
     ] = "strict",
     fault_budget: Annotated[
         list[str] | None,
         Option(
             "--fault-budget",
             metavar="[CODE=]N",
-            help="So many faults that lose data are allowed, of one code or in all; repeatable.",
+            help="Allowed number of faults that lose data, in total or of one code; repeatable.",
         ),
     ] = None,
     range_m: options.RangeM = 50.0,
@@ -59,7 +59,7 @@ def replay(
     min_coverage: options.MinCoverage = 0.0,
     no_media: options.NoMedia = False,
     redact: options.Redact = False,
-    report: Annotated[bool, Option("--report", help="Write report.html into the run folder too.")] = False,
+    report: Annotated[bool, Option("--report", help="Also write report.html into the run folder.")] = False,
     json: options.Json = False,
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""

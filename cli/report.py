@@ -8,9 +8,11 @@ from typer import Argument, Option
 
 
 def report(
-    runs: Annotated[list[Path], Argument(metavar="RUN...", help="One or several run folders.")],
-    out: Annotated[Path | None, Option("--out", "-o", help="The file; else report.html in the first RUN.")] = None,
-    kind: Annotated[str, Option(help="Which report plug-in writes it.")] = "html",
+    runs: Annotated[list[Path], Argument(metavar="RUN...", help="One or more run folders.")],
+    out: Annotated[
+        Path | None, Option("--out", "-o", help="The report (default: report.html in the first RUN).")
+    ] = None,
+    kind: Annotated[str, Option(help="Report plug-in that writes it.")] = "html",
 ) -> None:
     """Write one self-contained report of one or several runs."""
     from fbench.api.runs import open_run

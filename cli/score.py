@@ -19,39 +19,40 @@ Runs = Annotated[
     list[Path] | None,
     Argument(
         metavar="[RUN]...",
-        help="A run folder, or several of one pipeline; without one, --truth and --detections are scored.",
+        help="One or more run folders of one pipeline. Without any, score --detections against --truth.",
         show_default=False,
     ),
 ]
 DetectionsFormat = Annotated[
-    str | None, Option("--detections-format", metavar="FORMAT", help="Of --detections, where its content doesn't tell.")
+    str | None,
+    Option("--detections-format", metavar="FORMAT", help="Format of --detections if its content doesn't show it."),
 ]
 Profile = Annotated[
     str | None,
     Option(
         "--profile",
         metavar="NAME",
-        help="Whose way to count, see fbench plugins profiles; else 'default', fbench's own.",
+        help="Profile whose rules to score by; see `fbench plugins profiles`.",
     ),
 ]
 Match = Annotated[
     str | None,
-    Option("--match", metavar="HOW:NUMBER", help="What matches in the profile: iou3d:0.25, iou2d:0.5, bev:2 ..."),
+    Option("--match", metavar="HOW:NUMBER", help="Matching rule of the profile: iou3d:0.25, iou2d:0.5, bev:2 ..."),
 ]
 Class = Annotated[list[str] | None, Option("--class", metavar="NAME", help="Only this class; repeatable.")]
 Sequences = Annotated[
-    str | None, Option("--sequences", metavar="NAMES", help="Of files: only these, with commas between.")
+    str | None, Option("--sequences", metavar="NAMES", help="For files: only these sequences, separated by commas.")
 ]
 Seqmap = Annotated[
     Path | None,
-    Option("--seqmap", metavar="FILE", help="Of files: a list of sequences with their lengths, as TrackEval reads it."),
+    Option("--seqmap", metavar="FILE", help="For files: list of sequences and their lengths, as TrackEval reads it."),
 ]
 Missing = Annotated[
-    str, Option("--missing", metavar="WHAT", help="Sequences without a file of results: 'error' or 'empty'.")
+    str, Option("--missing", metavar="WHAT", help="Sequences without a results file: 'error', or 'empty' results.")
 ]
 Out = Annotated[
     Path | None,
-    Option("-o", "--out", metavar="FILE", help="Write all rows there, as JSON: of a profile, or of several RUNs."),
+    Option("-o", "--out", metavar="FILE", help="File for all rows, as JSON: of a profile, or of several RUNs."),
 ]
 Region = Annotated[
     str | None,
@@ -68,7 +69,7 @@ Seen = Annotated[
     ),
 ]
 Explain = Annotated[
-    int | None, Option("--explain", metavar="FRAME", help="What became of each box of this frame, and why.")
+    int | None, Option("--explain", metavar="FRAME", help="Explain what became of each box of this frame.")
 ]
 Intervals = Annotated[
     int,
@@ -76,10 +77,10 @@ Intervals = Annotated[
         "--intervals",
         metavar="N",
         min=0,
-        help="95 % confidence intervals from N bootstrap resamples, 20 to 100000; such as 1000.",
+        help="Add 95 % confidence intervals from N bootstrap resamples (20 to 100000).",
     ),
 ]
-Seed = Annotated[int, Option("--seed", metavar="N", min=0, help="Of the resamples.")]
+Seed = Annotated[int, Option("--seed", metavar="N", min=0, help="Seed of the resamples.")]
 
 
 _OF_FILES = ("detections", "detections_format", "sequences", "seqmap", "missing")

@@ -32,10 +32,10 @@ def list_(json: options.Json = False) -> None:
 
 @app.command("get", epilog=options.examples("weights get"))
 def get(
-    name: Annotated[str, Argument(help="Which, such as deimv2-femto; see `fbench weights list`.")],
+    name: Annotated[str, Argument(help="Weights, such as deimv2-femto; see `fbench weights list`.")],
     file: Annotated[
         Path | None,
-        Option("--from", metavar="FILE", help="Take in this file, fetched by hand, instead of downloading it."),
+        Option("--from", metavar="FILE", help="Use this file, which you downloaded, instead of downloading it."),
     ] = None,
 ) -> None:
     """Fetch a detector, check it against its published sha256, and keep it in fbench's cache."""
@@ -47,11 +47,11 @@ def get(
 @app.command("train", epilog=options.examples("weights train"))
 def train(
     folder: Annotated[Path, Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
-    out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="Where the weights go.")],
-    seed: Annotated[int | None, Option(min=0, help="Other first weights and other views of the images.")] = None,
-    steps: Annotated[int | None, Option(min=1, help="Fewer for a trial.")] = None,
-    device: Annotated[Literal["cpu", "cuda"], Option(help="Where to compute.")] = "cpu",
-    threads: Annotated[int, Option(min=1, max=256, help="Of the CPU.")] = 2,
+    out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="File for the weights.")],
+    seed: Annotated[int | None, Option(min=0, help="Seed of the first weights and of the augmentation.")] = None,
+    steps: Annotated[int | None, Option(min=1, help="Use fewer for a trial.")] = None,
+    device: Annotated[Literal["cpu", "cuda"], Option(help="Device on which to train.")] = "cpu",
+    threads: Annotated[int, Option(min=1, max=256, help="Number of CPU threads.")] = 2,
 ) -> None:
     """Train the built-in detector anew, or one for your own logs; interrupted, it goes on where it was."""
     try:

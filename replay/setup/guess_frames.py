@@ -38,18 +38,18 @@ def guess_clocks(sensors: Sequence[Candidate], reference: str) -> Clocks:
     zero = [name for name, values in skews.items() if not values]
     skews = {name: values for name, values in skews.items() if values}
     if zero and not skews:
-        return Clocks(True, "no message has a stamp, so the times of recording are taken")
+        return Clocks(True, "no message has a stamp: recording times are used")
     middle = {name: int(np.median(np.array(values, np.int64))) for name, values in skews.items()}
-    notes = dict.fromkeys(zero, "its messages have no stamps: the times of recording are taken")
+    notes = dict.fromkeys(zero, "its messages have no stamps: recording times are used")
     drifting = [name for name, values in skews.items() if max(values) - min(values) > MAX_SKEW_NS]
     apart = [name for name, skew in middle.items() if abs(skew - middle.get(reference, 0)) > MAX_SKEW_NS]
     without, why = ", ".join(zero), ""
     if drifting:
-        why = f"the stamps of {', '.join(drifting)} jump against the times of recording"
+        why = f"the stamps of {', '.join(drifting)} jump relative to the recording times"
     elif apart and zero:
-        why = f"stamps of {', '.join(apart)} are from another clock, {without} has none"
+        why = f"stamps of {', '.join(apart)} come from another clock, and {without} has no stamps"
     elif zero and any(abs(skew) > MAX_SKEW_NS for skew in middle.values()):
-        why = f"stamps aren't of the clock of the recording, and {without} has none"
+        why = f"stamps don't come from the recording clock, and {without} has no stamps"
     if why or reference not in middle:
         return Clocks(bool(why), why, notes=notes)
     # Sensors whose stamps are far from the times of recording are moved to the others; else to the reference.
@@ -74,12 +74,12 @@ def guess_reference(sensors: Sequence[Candidate], metadata: Mapping[str, str]) -
     except FbenchError:
         return Line("reference", sensors[0].name, "no sensor has messages", is_guess=True)
     if metadata.get("reference") == name:
-        return Line("reference", name, "the log's metadata say so")
+        return Line("reference", name, "from the log's metadata")
     kind = next(s.kind for s in sensors if s.name == name)
     equals = [s for s in sensors if s.kind == kind and 0 < nums[s.name] <= 1.1 * nums[name]]
     best = min(equals, key=lambda s: (-(s.sampled.median_points or 0), s.name))
     rate = best.sampled.rate_text or "rate unknown"
-    what = f"the slowest, {rate}; of equals a LiDAR before a camera before a radar, then who has most points"
+    what = f"the slowest, {rate}; ties: LiDAR, camera, radar, then the most points"
     return Line("reference", best.name, what)
 
 
@@ -90,7 +90,7 @@ def frames_table(sensors: Sequence[Candidate], reference: Line, clocks: Clocks) 
     stamps = np.sort(clocks.stamps_ns(chosen), kind="stable")
     period_ns = median_step(stamps) or chosen.sampled.period_ns
     default_ms = _DEFAULT.tolerance_ns / 1e6
-    tolerance = Line("tolerance_ms", default_ms, "the default: the period isn't known", is_guess=True)
+    tolerance = Line("tolerance_ms", default_ms, "default: the period is unknown", is_guess=True)
     if period_ns is not None:
         half_ms = round(min(max(period_ns / 2e6, 1.0), _MAX_TOLERANCE_MS), 1)
         tolerance = Line("tolerance_ms", half_ms, f"half the period of the reference, {period_ns / 1e6:.1f} ms")
@@ -106,13 +106,13 @@ def _timeout_line(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks
     """The time-out with which 99 % of the frames are complete that have all sensors at all, with a margin."""
     default_ms = _DEFAULT.timeout_ns / 1e6
     if not others:
-        return Line("timeout_ms", default_ms, "the default: nothing to wait for")
+        return Line("timeout_ms", default_ms, "default: nothing to wait for")
     waits, num = _waits_ns(chosen, others, clocks, _DEFAULT.tolerance_ns if period_ns is None else period_ns // 2)
     if not len(waits):
-        return Line("timeout_ms", default_ms, "the default: no frame of the sample has all sensors", is_guess=True)
+        return Line("timeout_ms", default_ms, "default: no sampled frame has all sensors", is_guess=True)
     late_ms = float(np.quantile(waits, 0.99)) / 1e6
     wanted = float(np.ceil(1.2 * late_ms / _STEP_MS) * _STEP_MS)
-    what = f"{late_ms:.1f} ms after the reference's message 99 % of {len(waits)} sampled frames have all sensors"
+    what = f"{late_ms:.1f} ms after the reference's message, 99 % of {len(waits)} sampled frames are complete"
     what += f"; {num - len(waits)} lack one" if num > len(waits) else ""
     if wanted > _MAX_TIMEOUT_MS:
         return Line("timeout_ms", _MAX_TIMEOUT_MS, f"{what}, too long to wait for", is_guess=True)

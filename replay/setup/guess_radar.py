@@ -80,8 +80,8 @@ def _compare_with_own(line: Line) -> Line:
     """In fbench's logs the meaning is fixed; data that contradict it are worth a look."""
     meant = "receding" if line.key == "doppler" else "included"
     if line.value == meant:
-        return replace(line, why="as in all logs of fbench" if line.is_guess else line.why, is_guess=False)
-    return Line(line.key, meant, f"as in all logs of fbench, but {line.why}: {line.value}", is_guess=True)
+        return replace(line, why="as in all logs that fbench writes" if line.is_guess else line.why, is_guess=False)
+    return Line(line.key, meant, f"as in all logs that fbench writes, but {line.why}: {line.value}", is_guess=True)
 
 
 def _cast_votes(radar: Candidate, rig: Rig) -> list[_Vote]:
@@ -111,7 +111,7 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
     included = [v for v in votes if not v.is_still]
     free = [v for v in votes if v.is_still and v.window in moving]
     if len(free) > len(included):
-        why = f"{len(free)} of {num_scans} scans stand still while the vehicle moves, as others say"
+        why = f"{len(free)} of {num_scans} scans show no motion while other sensors say that the vehicle moves"
         return (
             Line("doppler", "receding", "the vehicle's own motion doesn't show the sign", is_guess=True),
             Line("ego_motion", "removed", why, is_guess=len(free) < 3),
@@ -119,7 +119,7 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
     if not included:
         why = f"none of {num_scans} scans shows a motion clearly"
         if votes:
-            why = "the vehicle hardly moves in the scans that were looked at"
+            why = "the vehicle hardly moves in the sampled scans"
         return Line("doppler", "receding", why, is_guess=True), Line("ego_motion", "included", why, is_guess=True)
     # Things ahead recede only from a vehicle that reverses.
     receding = [(v.ahead_mps < 0) != (speeds.get(v.window, 1.0) < -1.0) for v in included]
@@ -127,11 +127,11 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
     num = max(sum(receding), len(receding) - sum(receding))
     speed = float(np.median([abs(v.ahead_mps) for v in included]))
     is_clear = num >= 3 and num >= 0.8 * len(included) and len(included) >= 0.3 * num_scans
-    backed = "poses say so" if speeds else "taken for driving forward"
+    backed = "poses say so" if speeds else "assuming that it drives forward"
     why = f"{num} of {num_scans} scans fit a vehicle at {speed:.1f} m/s, {backed}"
     return (
         Line("doppler", sign, why, is_guess=not is_clear),
-        Line("ego_motion", "included", "what stands still moves as the vehicle does", is_guess=not is_clear),
+        Line("ego_motion", "included", "stationary objects move relative to the vehicle", is_guess=not is_clear),
     )
 
 
@@ -165,5 +165,5 @@ def _period_line(radar: Candidate) -> Line | None:
     # Radars measure in steps.
     levels = np.unique(velocity.astype(np.float32))
     step = float(np.median(np.diff(levels))) if 1 < len(levels) <= _MAX_BINS else 0.0
-    why = f"velocities fill {low:.2f} to {high:.2f} m/s up to both ends, as those that wrap around do"
+    why = f"velocities fill {low:.2f} to {high:.2f} m/s evenly up to both ends, which indicates aliasing"
     return Line("velocity_period_mps", round(span + step, 3), why, is_guess=True)

@@ -55,7 +55,7 @@ def _guess_frame(container: Container, roles: Mapping[int, Role], sensors: Seque
     num = Counter(name for path in paths for name in path)
     named = next((name for name in BODIES if num[name]), None)
     if named is not None:
-        return Line("frame", named, f"called so; {num[named]} of {len(paths)} sensors hang on it")
+        return Line("frame", named, f"by its name; {num[named]} of {len(paths)} sensors are linked to it")
     if not any(len(path) > 1 for path in paths):
         first = next((s for s in sensors if s.kind == "lidar"), sensors[0])
         what = f"the log has no transforms, so that of sensor '{first.name}'"
@@ -63,7 +63,7 @@ def _guess_frame(container: Container, roles: Mapping[int, Role], sensors: Seque
         return Line("frame", first.sampled.role.frame_id, what, is_guess=True)
     places = [(num[name], path.index(name), name) for path in paths for name in path if name.strip("/") not in WORLDS]
     share, _, root = max(places, default=(0, 0, ""))
-    return Line("frame", root, f"root of the tree, {share} of {len(paths)} sensors hang on it", is_guess=True)
+    return Line("frame", root, f"root of the tree; {share} of {len(paths)} sensors are linked to it", is_guess=True)
 
 
 def guess_pose(log: Inspection, body: Body) -> tuple[SampledTopic | None, tuple[Line, ...]]:

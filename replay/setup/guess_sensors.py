@@ -123,19 +123,19 @@ def _guess_kind(topic: SampledTopic) -> tuple[Kind, str, bool]:
     if kind == "radar" and field:
         has_rings = any(name.lower() in RING_FIELDS for name in topic.fields)
         if num >= _VERY_MANY_POINTS or (num >= _MANY_POINTS and has_rings):
-            why = f"{num} points a message are more than a radar gives, though they have '{field}': FMCW"
+            why = f"{num} points per message are too many for a radar, although they have '{field}': FMCW"
             return "lidar", why, True
         return "radar", f"its points have a radial velocity, '{field}'", False
     if kind == "lidar":
         for name in topic.fields:
             parts = name.lower().split("_")
             if any(part in _COMPENSATED for part in parts) and any(part in _SPEEDS for part in parts):
-                return "radar", f"its points have '{name}', which isn't read: a radar without Doppler", True
+                return "radar", f"its points have '{name}', which fbench doesn't read: a radar without Doppler", True
         words = _words(topic.topic) + _words(topic.role.frame_id)
         is_called_radar, is_called_lidar = (any(w.startswith(k) for w in words) for k in ("radar", "lidar"))
         if topic.fields and num < _MANY_POINTS and is_called_radar and not is_called_lidar:
             fields = ", ".join(topic.fields[:_MAX_FIELDS])
-            return "radar", f"it is called so, but none of its fields ({fields}) is known as radial velocity", True
+            return "radar", f"by its name, but none of its fields ({fields}) is a known radial velocity", True
     return kind, f"its type is {topic.schema}", False
 
 
@@ -157,7 +157,9 @@ def _drop_derived(
         if not 0 < len(t.topic) <= _MAX_NAME:
             out[t.topic] = f"its name has {len(t.topic)} characters, at most {_MAX_NAME} are read"
         elif t.role.frame_id.strip("/") in WORLDS:
-            out[t.topic] = f"its coordinate frame '{t.role.frame_id}' stands still, so it is a map or moved already"
+            out[t.topic] = (
+                f"its coordinate frame '{t.role.frame_id}' is stationary, so it holds a map or points already moved"
+            )
         else:
             by_kind[kinds[t.topic][0]].append(t)
     good = []
@@ -165,7 +167,9 @@ def _drop_derived(
         derived = {t.topic: word for t in of_kind if (word := _derivation_word(kind, t.topic))}
         if len(derived) == len(of_kind) and kind != "camera":
             derived = {}
-        out |= {topic: f"its name says '{word}': not what the sensor measured" for topic, word in derived.items()}
+        out |= {
+            topic: f"its name contains '{word}', so it doesn't hold raw measurements" for topic, word in derived.items()
+        }
         good += [t for t in of_kind if t.topic not in derived]
     return good
 
@@ -208,11 +212,11 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
 
 def _why_not(kind: str, t: SampledTopic, better: SampledTopic, stems: Mapping[str, str]) -> str:
     if stems[t.topic] != stems[better.topic]:
-        return f"in the same coordinate frame as {better.topic}, '{t.role.frame_id}', so one device; one is taken"
+        return f"in the same coordinate frame as {better.topic}, '{t.role.frame_id}', so one device: only one is used"
     if kind == "camera" and "rect" in t.topic.lower() and "rect" not in better.topic.lower():
-        return f"the same camera as {better.topic}, rectified; K and distortion are for images that aren't"
+        return f"the same camera as {better.topic}, rectified, but K and distortion are for the original images"
     if kind == "camera" and "compressed" in t.topic.lower():
-        return f"the same camera as {better.topic}, which has no artefacts of compression"
+        return f"the same camera as {better.topic}, which is uncompressed"
     why = f"the same device as {better.topic}"
     if t.num_messages < 0.9 * better.num_messages:
         why += f", which has more messages: {better.num_messages}, not {t.num_messages}"

@@ -62,7 +62,7 @@ def truth_table(log: Inspection, neighbors: Neighbors) -> Table:
     files = tuple(Line("file", name, why, is_active=False) for name in neighbors.boxes)
     if topics:
         own = all(role.is_own for role in log.roles.values() if role.kind == "truth")
-        return Table(("truth",), (Line("topics", topics, "the log says so" if own else "called so"), *files))
+        return Table(("truth",), (Line("topics", topics, "the log says so" if own else "by its name"), *files))
     if files:
         return Table(("truth",), files, notes=("No topic of the log is called truth, gt, label or annotation.",))
     why = "boxes beside the log: Parquet, CSV, KITTI, OpenLABEL ..."
@@ -75,7 +75,7 @@ def results_table(log: Inspection) -> Table | None:
     topics = _topics(log, "detections")
     if not topics:
         return None
-    why = "boxes that aren't called truth, so of some system: score them with -p recorded:TOPIC"
+    why = "boxes not named as truth, so probably results: score them with -p recorded:TOPIC"
     return Table(("results",), (Line("topics", topics, why, is_guess=True),))
 
 

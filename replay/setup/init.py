@@ -79,12 +79,12 @@ def _sensor_tables(
         is_placed_camera = s.kind == "camera" and not s.is_own and name in body.rig.mounts
         # Cameras look along z, which points up where somebody gave the axes of the housing instead.
         if is_placed_camera and abs(body.rig.body_T_sensor(name)[2, 2]) >= _UPRIGHT:
-            why = "its z axis points up or down, but that of an optical frame forward"
+            why = "its z axis points up or down; that of an optical frame points forward"
             lines.append(Line("frame", topic.role.frame_id, why, is_guess=True))
         if name in calibrations:
             lines.append(calibrations[name])
         if name in clocks.offsets_ms:
-            why = "its clock is another; from the times of recording, so up to the delay of its messages"
+            why = "it has another clock; estimated from recording times, up to the delay of its messages"
             lines.append(Line("offset_ms", clocks.offsets_ms[name], why, is_guess=True))
         lines += doppler.get(name, ())
         if name in periods:
@@ -124,7 +124,7 @@ class Written:
 def write_toml(draft: Draft) -> Written:
     """Return the text; any name, whatever is in it, is read back as it was."""
     rows = [f"# What fbench takes from '{_clip(draft.log)}', written by 'fbench init'; every value can be changed."]
-    rows += ["# Times are in ms unless a key says otherwise. Lines with 'guess' deserve a look.", "", "version = 1"]
+    rows += ["# Times are in ms unless a key says otherwise. Check the lines with 'guess'.", "", "version = 1"]
     places: list[Placed] = []
     for table in draft.tables:
         hash_ = "" if table.is_active else "# "
@@ -135,16 +135,16 @@ def write_toml(draft: Draft) -> Written:
             rows.append(row if line.is_active and table.is_active else f"# {row}")
             places.append(Placed(len(rows), table, line))
     if draft.left_out:
-        rows += ["", "# Left out; to use one after all, give it a table [sensors.NAME] as above:"]
+        rows += ["", "# Not used. To use one of these topics, add a table [sensors.NAME] as above:"]
         rows += [f"#   {_clip(item.topic)}: {_clip(item.why)}" for item in draft.left_out]
     guesses = tuple(p for p in places if p.line.is_guess and p.line.is_active and p.table.is_active)
     if guesses:
-        rows += ["", "# Look at these lines, and at the pictures of 'fbench log preview':"]
+        rows += ["", "# Check these lines and the pictures of 'fbench log preview':"]
         rows += [f"#   {p.number}: {_clip(toml_key((*p.table.path, p.line.key)))}" for p in guesses]
     else:
         rows += [
             "",
-            "# Nothing here is a mere guess. 'fbench log preview' shows whether calibration and times are right.",
+            "# Nothing here is a guess. 'fbench log preview' shows whether calibration and times are right.",
         ]
     return Written("\n".join(rows) + "\n", tuple(places), guesses)
 

@@ -84,7 +84,7 @@ class ReplayRequest:
     """Faults that are allowed, as `N` or `CODE=N`."""
     scoring: ScoreOptions = field(default_factory=ScoreOptions)
     no_media: bool = False
-    """Keep no images and no points in the run."""
+    """Keep images and points out of the run."""
     redact: bool = False
     """Leave out of the run what tells whose log it is."""
     report: bool = False
