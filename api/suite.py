@@ -1,6 +1,5 @@
 """Suites: cells that are there stay, the others are replayed, a few at a time, by worker processes."""
 
-import glob
 import inspect
 import json
 import os
@@ -27,6 +26,7 @@ from fbench.replay.contracts.plugins import pipeline_class, pipeline_parameters
 from fbench.replay.contracts.protocols import KeepsStderr
 from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.contracts.variants import sensors_of
+from fbench.replay.data.files import Draft
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.formats.text import digest_of
 from fbench.replay.geometry.kernels import VARIABLE
@@ -290,8 +290,6 @@ class _Suite:
         folder = folder_of(cell)
         if (folder / RUN_SEAL).exists():  # damaged, or of other content
             shutil.rmtree(folder)
-        _clear_partial(folder)
-        folder.parent.mkdir(parents=True, exist_ok=True)
         with self._lock:
             if not self._idle:
                 self._idle.append(Worker(self._module))
@@ -305,8 +303,8 @@ class _Suite:
             with self._lock:
                 self._idle.append(worker)
         if answer.error is not None:
-            _clear_partial(folder)
-            return CellResult(cell, "unfit" if answer.unfit else "failed", answer.error)
+            with Draft(folder):  # removes what a killed worker left
+                return CellResult(cell, "unfit" if answer.unfit else "failed", answer.error)
         if key is not None and forecast.content is not None:
             seal_run(folder, key, forecast.content)
         return CellResult(cell, "replayed")
@@ -318,8 +316,3 @@ def _check(result: CellResult, forecast: _Forecast) -> CellResult:
     if not result.has_run or key is None or is_sealed_run(result.folder, key):
         return result
     return CellResult(result.cell, "failed", f"{result.folder} was changed meanwhile; the same command redoes it")
-
-
-def _clear_partial(folder: Path) -> None:
-    for left in sorted(folder.parent.glob(f".{glob.escape(folder.name)}.partial-*")):
-        shutil.rmtree(left, ignore_errors=True)

@@ -1,7 +1,5 @@
 """`fbench log preview`."""
 
-import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -77,15 +75,12 @@ def _new_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
     if folder.exists() and not (folder / "index.html").is_file() and (not folder.is_dir() or any(folder.iterdir())):
         raise ConfigError(f"{folder}: isn't a preview, so it isn't overwritten; choose another with --out")
-    from fbench.replay.data.files import swap
+    from fbench.replay.data.files import Draft
 
-    partial = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
     try:
-        partial.mkdir(parents=True)
+        draft = Draft(folder, is_folder=True)
     except OSError as error:
         raise ConfigError(f"{folder}: can't be written ({error.strerror}); choose another with --out") from error
-    try:
-        yield partial
-        swap(partial, folder)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with draft:
+        yield draft.path
+        draft.publish()

@@ -24,7 +24,7 @@ def replay(
     truth_frame: options.TruthFrame = "",
     interpolate_truth_ms: options.InterpolateTruthMs = 0.0,
     detections: options.DetectionsFile = None,
-    out: Annotated[Path | None, Option("--out", "-o", help="Run folder (default: runs/LOG-PIPELINE).")] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help="Run folder, by default runs/LOG-PIPELINE.")] = None,
     overwrite: options.Overwrite = False,
     rate: Annotated[
         str, Option("--rate", metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")

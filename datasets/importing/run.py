@@ -1,10 +1,7 @@
 """One import: every chosen sequence of a dataset becomes a log, whole or not at all."""
 
 import fcntl
-import glob
 import os
-import re
-import shutil
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,6 +15,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import ImportWish, OtherResult, check_items
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.arrays import own_arrays
+from fbench.replay.data.files import Draft, make_folder
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import LogInfo, RigChange
 from fbench.replay.logs.codecs.codec import TruthPart
@@ -43,17 +41,12 @@ def claim(path: Path, waits: Callable[[], None]) -> Iterator[None]:
     """
     lock = path.with_name(f".{path.name}.importing")
     try:
+        make_folder(path.parent)
         number = _lock(lock, waits)
     except OSError as error:
         raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
     try:
-        for left in sorted(path.parent.glob(f".{glob.escape(path.name)}.partial-*")):
-            if re.fullmatch(r"[0-9]+\.old", left.name.rpartition("-")[2]) and not path.exists():
-                left.rename(path)  # a log that was to be replaced, and wasn't yet
-            elif left.is_dir():
-                shutil.rmtree(left)
-            else:
-                left.unlink(missing_ok=True)
+        Draft(path).discard()  # puts back a log that was to be replaced, and wasn't yet
         yield
     finally:
         lock.unlink(missing_ok=True)

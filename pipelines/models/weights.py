@@ -16,7 +16,6 @@ import os
 import urllib.error
 import urllib.request
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from http.client import HTTPMessage
 from pathlib import Path
@@ -24,7 +23,7 @@ from typing import IO, Any, Literal, TypeAlias
 from urllib.parse import urljoin, urlsplit
 
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
-from fbench.replay.data.files import expand_user, fbench_cache, is_file
+from fbench.replay.data.files import Draft, expand_user, fbench_cache, is_file
 
 _YOLOX_PAGE = "https://github.com/Megvii-BaseDetection/YOLOX/blob/main/demo/ONNXRuntime/README.md"
 _YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0"
@@ -136,34 +135,31 @@ def store(entry: Entry, blocks: Iterable[bytes], source: str, target: Path) -> N
     """Write what comes from `source` to `target`, if it is the published file; what was there before is replaced.
     Raises ModelError where it isn't, or can't be written; nothing is left behind.
     """
-    partial = target.with_name(f".{target.name}.partial-{os.getpid()}")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         digest, num_bytes = hashlib.sha256(), 0
-        with partial.open("wb") as out:
-            for block in blocks:
-                num_bytes += len(block)
-                if num_bytes > entry.num_bytes:
-                    raise ModelError(f"{source}: longer than the {entry.num_bytes} bytes of {entry.name}, not taken")
-                digest.update(block)
-                out.write(block)
-        if num_bytes < entry.num_bytes:
-            raise ModelError(
-                f"{source}: ends after {num_bytes} of the {entry.num_bytes} bytes of {entry.name}, fetch it again"
-            )
-        if (found := digest.hexdigest()) != entry.sha256:
-            raise ModelError(
-                f"{source}: isn't {entry.name} as published, not taken (sha256 {found}, expected {entry.sha256})"
-            )
-        partial.replace(target)
+        with Draft(target) as draft:
+            with draft.path.open("wb") as out:
+                for block in blocks:
+                    num_bytes += len(block)
+                    if num_bytes > entry.num_bytes:
+                        why = f"{source}: longer than the {entry.num_bytes} bytes of {entry.name}, not taken"
+                        raise ModelError(why)
+                    digest.update(block)
+                    out.write(block)
+            if num_bytes < entry.num_bytes:
+                raise ModelError(
+                    f"{source}: ends after {num_bytes} of the {entry.num_bytes} bytes of {entry.name}, fetch it again"
+                )
+            if (found := digest.hexdigest()) != entry.sha256:
+                raise ModelError(
+                    f"{source}: isn't {entry.name} as published, not taken (sha256 {found}, expected {entry.sha256})"
+                )
+            draft.publish()
     except OSError as error:
         raise ModelError(
             f"{target.parent}: {entry.file_name} can't be written there ({error.strerror or error}); "
             "FBENCH_CACHE may name another folder"
         ) from error
-    finally:
-        with suppress(OSError):  # where the folder can't be written, nothing is there
-            partial.unlink(missing_ok=True)
 
 
 Weights: TypeAlias = Literal["auto"] | Path | None

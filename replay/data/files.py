@@ -1,11 +1,18 @@
 """Writing files so that nobody ever sees half of one, safe names for them, and the folder of caches."""
 
+import errno
+import fcntl
 import os
 import shutil
+import stat
+from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
+from typing import Self
 
 from platformdirs import user_cache_path
+
+from fbench.replay.contracts.errors import ConfigError
 
 
 def fbench_cache() -> Path:
@@ -37,14 +44,104 @@ def expand_user(text: str) -> Path:
         return Path(text)
 
 
-def swap(new: Path, path: Path) -> None:
-    """Rename `new` to `path`, in place of a folder that is there; at no moment is there half of either."""
-    old = new.with_name(f"{new.name}.old")
-    if path.exists():
-        path.rename(old)
-    new.rename(path)
-    sync(path.parent)
-    shutil.rmtree(old, ignore_errors=True)
+class Draft:
+    """A file or folder that is written under a temporary name beside `target`, `.NAME.partial`, by one process at a
+    time, until `publish` gives it its own name. A `with` block discards at its end what wasn't published.
+
+    The lock lies on the draft itself, so that the system releases it when a process ends, however it ends. The next
+    draft of the same target puts back what a killed process was about to replace, and removes what it left. Missing
+    parent folders are made. Raises ConfigError where another process writes the same target, OSError where nothing can
+    be written.
+    """
+
+    def __init__(self, target: Path, is_folder: bool = False) -> None:
+        self.path = target.with_name(f".{target.name}.partial")
+        self._target, self._is_folder = target, is_folder
+        self._old = self.path.with_name(f"{self.path.name}.old")  # what `publish` replaces, for a moment
+        make_folder(target.parent)
+        while (number := self._lock()) is None:
+            pass
+        self._number: int | None = number
+        self._settle()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.discard()
+
+    def publish(self) -> None:
+        """Give the draft its name, in place of what has it; at no moment is there half of either."""
+        sync(self.path)
+        if self._is_folder and self._target.exists():
+            self._target.rename(self._old)
+        self.path.replace(self._target)
+        sync(self._target.parent)
+        self._settle()
+        self._close()
+
+    def discard(self) -> None:
+        """Leave nothing behind; does nothing after `publish`."""
+        if self._number is not None:
+            remove(self.path)
+            self._settle()
+            self._close()
+
+    def _lock(self) -> int | None:
+        """Open an empty draft that nobody else has, or return `None` where another attempt is due."""
+        try:
+            number = os.open(self.path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except FileNotFoundError:
+            with suppress(FileExistsError):
+                if self._is_folder:
+                    self.path.mkdir()
+                else:
+                    self.path.touch(exist_ok=False)
+            return None
+        is_mine = False
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with suppress(FileNotFoundError):  # whoever had the lock may have published or removed it by now
+                if os.path.samestat(status := os.fstat(number), self.path.lstat()):
+                    is_folder = stat.S_ISDIR(status.st_mode)
+                    is_empty = not (os.listdir(self.path) if is_folder else status.st_size)
+                    if is_mine := is_empty and is_folder == self._is_folder:
+                        return number
+                    remove(self.path)
+        except BlockingIOError:
+            why = f"{self._target}: another process is writing it; try again when it has finished"
+            raise ConfigError(why) from None
+        finally:
+            if not is_mine:
+                os.close(number)
+        return None
+
+    def _settle(self) -> None:
+        if self._old.exists() and not self._target.exists():
+            self._old.rename(self._target)
+        remove(self._old)
+
+    def _close(self) -> None:
+        if self._number is not None:
+            os.close(self._number)
+            self._number = None
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder with its parents, unless it is there. Raises OSError with the reason where it can't be."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path)) from None
+
+
+def remove(path: Path) -> None:
+    """Delete a file or a folder, as far as the system lets us; nothing is fine, too."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()
 
 
 def sync(path: Path) -> None:

@@ -1,8 +1,6 @@
 """One export: runs and logs in, files of a benchmark out, all of them at once or none."""
 
 import json
-import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
@@ -12,7 +10,7 @@ from typing import IO
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.files import file_name, swap
+from fbench.replay.data.files import Draft, file_name
 from fbench.replay.data.rig import Kind
 from fbench.replay.formats.export_request import TABLES, ExportRequest, LeftOut
 from fbench.replay.formats.export_sources import MANIFEST, log_sequence, run_sequence
@@ -142,24 +140,13 @@ class Export:
 @contextmanager
 def _draft(job: Export) -> Iterator[Path]:
     """What is written until it gets its name; nothing is left of it where that doesn't happen."""
-    out, is_file = job.out.absolute(), job.request.is_nuscenes
-    draft = out.with_name(f".{out.name}.partial-{os.getpid()}")
     try:
-        if not is_file:
-            draft.mkdir()
+        draft = Draft(job.out.absolute(), is_folder=not job.request.is_nuscenes)
     except OSError as error:
         raise ConfigError(f"{job.out}: can't be written ({error.strerror})") from error
-    try:
-        yield draft
-        if is_file:
-            draft.replace(out)
-        else:
-            swap(draft, out)
-    finally:
-        if is_file:
-            draft.unlink(missing_ok=True)
-        else:
-            shutil.rmtree(draft, ignore_errors=True)
+    with draft:
+        yield draft.path
+        draft.publish()
 
 
 def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done, total: None) -> Iterator[Exported]:

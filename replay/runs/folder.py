@@ -1,8 +1,6 @@
 """Run folders: written under a temporary name and renamed when whole; read back as `Run`."""
 
 import json
-import os
-import shutil
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -18,7 +16,7 @@ import pyarrow.compute as pc
 from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
-from fbench.replay.data.files import swap
+from fbench.replay.data.files import Draft
 from fbench.replay.data.frames import ClockName
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.scores import Score, load_scores
@@ -55,18 +53,23 @@ class RunWriter:
     """Writes one run folder; nothing appears under its name before `finish`."""
 
     def __init__(self, folder: Path, overwrite: bool = False) -> None:
+        self.folder = folder.resolve()
         try:
-            if folder.exists():
-                if not overwrite:
-                    raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
-                load_manifest(folder / "manifest.json")
-            self.folder = folder.resolve()
-            self.partial = self.folder.with_name(f".{self.folder.name}.partial-{os.getpid()}")
-            self.partial.mkdir(parents=True)
-        except RunError:
-            raise ConfigError(f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it") from None
+            self._draft = Draft(self.folder, is_folder=True)
         except OSError as error:
             raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
+        try:
+            if folder.exists() and not overwrite:
+                raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
+            if folder.exists():
+                load_manifest(folder / "manifest.json")
+        except BaseException as error:
+            self._draft.discard()
+            if isinstance(error, RunError):
+                why = f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it"
+                raise ConfigError(why) from None
+            raise
+        self.partial = self._draft.path
         self._records: list[FrameRecord] = []
         self._rows: dict[int, int] = {}
         self._timings = {name: array("q") for name in ("frame", "stage", "ns", "clock")}
@@ -82,7 +85,7 @@ class RunWriter:
     ) -> None:
         for writer in self._writers.values():
             writer.close()
-        shutil.rmtree(self.partial, ignore_errors=True)
+        self._draft.discard()
 
     @property
     def records(self) -> Sequence[FrameRecord]:
@@ -145,7 +148,7 @@ class RunWriter:
         write_table(self.partial / "timings.parquet", timings)
         save_manifest(self.partial / "manifest.json", manifest)
         complete(self.partial)
-        swap(self.partial, self.folder)
+        self._draft.publish()
         return self.folder
 
 

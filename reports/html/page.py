@@ -4,14 +4,13 @@ Charts are drawn by a few hundred lines of plain JavaScript instead of plotly: i
 report, and the frame viewer (points, boxes and image linked to each other) would have to be written by hand anyway.
 """
 
-import os
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from markupsafe import Markup
 
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.files import Draft
 from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
 from fbench.reports.html import overview
@@ -73,16 +72,10 @@ class HtmlReport:
 
 
 def _write_whole(out: Path, content: bytes) -> None:
-    partial = out.with_name(f".{out.name}.partial-{os.getpid()}")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(out)
+        with Draft(out) as draft:
+            draft.path.write_bytes(content)
+            draft.publish()
     except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
         why = f"{out}: the report can't be written ({error.strerror}); choose another with --out"
         raise ConfigError(why) from error

@@ -153,7 +153,7 @@ def test_what_is_damaged_or_missing_is_made_anew(log):
     for name in names[:4]:
         (Path("runs") / name / name).write_text("{")
     (Path("runs") / "tracks.parquet" / "tracks.parquet").unlink()
-    left = Path("runs") / ".scores.json.partial-1"  # of a process that was killed
+    left = Path("runs") / ".scores.json.partial"  # of a process that was killed
     left.mkdir()
     assert states(run_suite(cells, 2)) == ["replayed"] * 5 + ["there"]
     assert all(contents(folder_of(one)) == whole for one in cells)
@@ -205,7 +205,7 @@ def test_cells_that_fail_say_why_and_stop_nobody(log):
         assert reason in result.reason
         assert "\n" not in result.reason
     assert Path("runs/taken/mine.txt").read_text() == "not a run"
-    assert not list(Path().rglob("*.partial-*"))
+    assert not list(Path().rglob("*.partial*"))
 
 
 @pytest.mark.slow

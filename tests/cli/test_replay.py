@@ -352,7 +352,7 @@ def test_termination_leaves_nothing_behind(log, still, tmp_path):
     command = [sys.executable, "-c", "from fbench.cli import main; main()"]
     arguments = ["replay", str(log), "-p", still(), "-o", str(tmp_path / "runs" / "run"), "--rate", "0.01"]
     process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE)
-    while not list(tmp_path.glob("runs/.run.partial-*")):
+    while not list(tmp_path.glob("runs/.run.partial")):
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
     _, err = process.communicate(timeout=30)

@@ -1,15 +1,13 @@
 """Targets of a conversion, checked, and logs as folders of MCAP files."""
 
 import math
-import os
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.files import swap, sync
+from fbench.replay.data.files import Draft
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 
@@ -45,11 +43,10 @@ class PartsWriter:
         """Of the files so far."""
         self._split, self._open = split, open_part
         self._name = folder.stem if folder.suffix == ".mcap" else folder.name
-        self._partial = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
         self._start_ns: int | None = None
         self._period = 0
         try:
-            self._partial.mkdir()
+            self._draft = Draft(folder, is_folder=True)
         except OSError as error:
             raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
         try:
@@ -74,8 +71,7 @@ class PartsWriter:
         """Finish the last file and give the folder its name."""
         try:
             self._part.close()
-            sync(self._partial)
-            swap(self._partial, self.path)
+            self._draft.publish()
         except OSError as error:
             raise ConfigError(f"{self.path}: can't be written ({error.strerror})") from error
         finally:
@@ -85,11 +81,11 @@ class PartsWriter:
         """Leave nothing behind."""
         if self.names:
             self._part.discard()
-        shutil.rmtree(self._partial, ignore_errors=True)
+        self._draft.discard()
 
     def _next(self) -> RawMcapWriter:
         name = f"{self._name}_{len(self.names)}.mcap"
-        part = self._open(self._partial / name)
+        part = self._open(self._draft.path / name)
         self.names.append(name)
         return part
 

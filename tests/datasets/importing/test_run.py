@@ -175,17 +175,17 @@ def test_who_writes_the_same_log_waits(tmp_path, name):
     assert sorted(path.name for path in tmp_path.iterdir()) == [name, "src"]
 
 
+@pytest.mark.parametrize("kind", ["file", "folder"])
 @pytest.mark.parametrize("form", ["mcap", "parquet"])
-def test_what_killed_imports_left_is_cleared_away(tmp_path, form):
+def test_what_killed_imports_left_is_cleared_away(tmp_path, form, kind):
     write_toy(tmp_path / "src", ["a"])
     out = tmp_path / f"a.{form}"
-    for number in (1, 2**22, threading.get_native_id()):  # also of numbers that other processes have now
-        left = out.with_name(f".{out.name}.partial-{number}")
-        if form == "mcap":
-            left.write_bytes(b"half")
-        else:
-            left.mkdir()
-            (left / "x.parquet").touch()
+    left = out.with_name(f".{out.name}.partial")
+    if kind == "file":
+        left.write_bytes(b"half")
+    else:
+        left.mkdir()
+        (left / "x.parquet").touch()
     out.with_name(f".{out.name}.importing").touch()
     assert import_one(Toy(), tmp_path / "src", out).state == "written"
     assert sorted(path.name for path in tmp_path.iterdir()) == [out.name, "src"]
@@ -195,16 +195,17 @@ def test_a_log_that_was_being_replaced_gets_its_name_back(tmp_path):
     write_toy(tmp_path / "src", ["a"])
     out = tmp_path / "a.parquet"
     import_one(Toy(), tmp_path / "src", out)
-    out.rename(tmp_path / ".a.parquet.partial-77.old")
+    out.rename(tmp_path / ".a.parquet.partial.old")
     logs = list(import_recordings(Toy(), tmp_path / "src", ImportWish(("a",)), {"a": Target(out)}))
     assert [log.state for log in logs] == ["there"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.parquet", "src"]
 
 
-def test_a_folder_that_is_not_there(tmp_path):
+def test_folders_that_are_not_there_are_made(tmp_path):
     write_toy(tmp_path / "src", ["a"])
-    with pytest.raises(ConfigError, match=r"no/a.mcap: can't be written \(No such file or directory\)"):
-        import_one(Toy(), tmp_path / "src", tmp_path / "no/a.mcap")
+    assert import_one(Toy(), tmp_path / "src", tmp_path / "new/folder/a.mcap").state == "written"
+    with pytest.raises(ConfigError, match=r"a.mcap/b.mcap: can't be written \(.+\)"):
+        import_one(Toy(), tmp_path / "src", tmp_path / "new/folder/a.mcap/b.mcap")
 
 
 def test_patterns():

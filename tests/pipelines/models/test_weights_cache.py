@@ -1,7 +1,7 @@
 """What is in the cache is the published file, whoever put it there."""
 
 import hashlib
-import os
+import resource
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,12 +91,14 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path):
     assert (tmp_path / "file").read_text() == ""
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_full_disk(cached: Path):
-    cached.parent.mkdir(parents=True)
-    (cached.parent / f".{cached.name}.partial-{os.getpid()}").symlink_to("/dev/full")
-    with pytest.raises(ModelError, match=r"can't be written there \(No space left on device\); FBENCH_CACHE may name"):
-        store(ENTRY, [CONTENT], "here", cached)
+def test_a_disk_that_takes_no_more(cached: Path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (ENTRY.num_bytes // 2, limits[1]))
+    try:
+        with pytest.raises(ModelError, match=r"can't be written there \(File too large\); FBENCH_CACHE may name"):
+            store(ENTRY, [CONTENT], "here", cached)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert list(cached.parent.iterdir()) == []
 
 

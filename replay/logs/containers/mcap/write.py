@@ -1,6 +1,5 @@
 """Writing of MCAP files: chunked, checksummed and indexed."""
 
-import os
 from collections.abc import Hashable, Iterable
 from contextlib import suppress
 from functools import cache
@@ -11,6 +10,7 @@ from google.protobuf.message import Message as Proto
 from mcap.writer import CompressionType, Writer
 
 from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.files import Draft
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.logs import container as header
@@ -45,9 +45,9 @@ class RawMcapWriter:
         self.path = path
         self._schemas: dict[Schema, int] = {}
         self._channels: dict[tuple[object, ...], int] = {}
-        self._partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
         try:
-            self._file = self._partial.open("wb")
+            self._draft = Draft(path)
+            self._file = self._draft.path.open("wb")
         except OSError as error:
             raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
         self._writer = Writer(
@@ -86,8 +86,7 @@ class RawMcapWriter:
         try:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.flush()
-            os.fsync(self._file.fileno())
-            self._partial.replace(self.path)
+            self._draft.publish()
         except OSError as error:
             raise ConfigError(f"{self.path}: can't be written ({error.strerror})") from error
         finally:
@@ -97,7 +96,7 @@ class RawMcapWriter:
         """Leave nothing behind."""
         with suppress(OSError):  # on a full disk, what is still buffered has no place
             self._file.close()
-        self._partial.unlink(missing_ok=True)
+        self._draft.discard()
 
     def _id(self, channel: Channel) -> int:
         schema, schema_id = channel.schema, 0

@@ -1,7 +1,5 @@
 """Writing of Parquet logs: a folder with one file a stream, and `log.json` with checksums of all."""
 
-import os
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +8,7 @@ from typing import NamedTuple, Self
 import pyarrow as pa
 
 from fbench.replay.contracts.errors import ConfigError, DataError, LogError
-from fbench.replay.data.files import swap, sync
+from fbench.replay.data.files import Draft, sync
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.logs.codecs.codec import TruthPart
@@ -68,12 +66,11 @@ class ParquetWriter:
         self._writers: dict[_Place, StreamWriter] = {}
         self._files: set[str] = set()  # Names of the files, in lower case
         self._num_messages = self._pending_size = 0
-        self._partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
         self._is_open = True
         if path.is_symlink() or (path.exists() and not _is_log(path)):
             raise ConfigError(f"{path}: exists and isn't a Parquet log, so it isn't replaced; choose another name")
         try:
-            self._partial.mkdir()
+            self._draft = Draft(path, is_folder=True)
         except OSError as error:
             raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
 
@@ -127,10 +124,9 @@ class ParquetWriter:
         if not self._is_open:
             return
         try:
-            (self._partial / log_json.NAME).write_bytes(self._description())
-            sync(self._partial / log_json.NAME)
-            sync(self._partial)
-            swap(self._partial, self.path)
+            (self._draft.path / log_json.NAME).write_bytes(self._description())
+            sync(self._draft.path / log_json.NAME)
+            self._draft.publish()
         except ValueError as error:
             raise LogError(f"{self.path}: its description can't be stored ({reason_of(error)})") from error
         except (OSError, pa.ArrowException) as error:
@@ -143,7 +139,7 @@ class ParquetWriter:
         self._is_open = False
         for writer in self._writers.values():
             writer.discard()
-        shutil.rmtree(self._partial, ignore_errors=True)
+        self._draft.discard()
 
     def _add(
         self, place: _Place, where: str, encode: Callable[[int], stream_write.RowValues], channel: Channel | None = None
@@ -180,7 +176,7 @@ class ParquetWriter:
         described = None if channel is None else ChannelEntry.of(channel)
         entry = StreamEntry(file=name, kind=place.kind, sensor=place.sensor, topic=place.topic, channel=described)
         entry.model_dump_json()  # refuses what isn't Unicode
-        writer = self._writers[place] = StreamWriter(self._partial, entry, self._compression)
+        writer = self._writers[place] = StreamWriter(self._draft.path, entry, self._compression)
         self._files.add(name.lower())
         return writer
 
@@ -188,7 +184,7 @@ class ParquetWriter:
         streams: list[StreamEntry] = []
         for writer in self._writers.values():
             streams.append(writer.close())
-            sync(self._partial)
+            sync(self._draft.path)
         rigs = [RigEntry.of(*item) for item in sorted(self._rigs, key=lambda item: item[0])]
         content = LogJson(
             log_id=self._info.log_id, metadata=dict(self._info.metadata), rigs=rigs, sensors=self._kinds,

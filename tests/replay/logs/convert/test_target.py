@@ -35,9 +35,6 @@ def test_names_of_no_form(tmp_path, drive, name):
         ("out.parquet", {"chunk_size": 1000}, "--chunk-size is for MCAP, not for Parquet"),
         ("out.mcap", {"rows_per_group": 10}, "--rows-per-group is for Parquet, not for MCAP"),
         ("out.parquet", {"rows_per_group": 0}, "rows_per_group 0: must be at least 1"),
-        ("no/out.mcap", {}, r"no/out.mcap: can't be written \(No such file or directory\)"),
-        ("no/out.parquet", {}, r"no/out.parquet: can't be written \(No such file or directory\)"),
-        ("no/parts", {"split_s": 1}, r"no/parts: can't be written \(No such file or directory\)"),
         ("parts", {"split_s": 1, "compression": "gzip"}, "compression 'gzip'"),
     ],
 )
@@ -45,6 +42,14 @@ def test_options_that_cannot_be(tmp_path, drive, name, how, message):
     with pytest.raises(ConfigError, match=message):
         converted(drive, tmp_path / name, **how)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("name", "how"), HOWS)
+def test_parent_folders_are_made_where_that_is_possible(tmp_path, drive, name, how):
+    assert digest(converted(drive, tmp_path / "new" / "folder" / name, **how)) == digest(drive)
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match=rf"file/{name}: can't be written \(Not a directory\)"):
+        converted(drive, tmp_path / "file" / name, **how)
 
 
 @pytest.mark.parametrize(("name", "how"), HOWS)
