@@ -77,10 +77,6 @@ def _new_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         raise ConfigError(f"{folder}: isn't a preview, so it isn't overwritten; choose another with --out")
     from fbench.replay.data.files import Draft
 
-    try:
-        draft = Draft(folder, is_folder=True)
-    except OSError as error:
-        raise ConfigError(f"{folder}: can't be written ({error.strerror}); choose another with --out") from error
-    with draft:
+    with Draft(folder, is_folder=True) as draft:
         yield draft.path
         draft.publish()

@@ -23,7 +23,7 @@ from typing import IO, Any, Literal, TypeAlias
 from urllib.parse import urljoin, urlsplit
 
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
-from fbench.replay.data.files import Draft, expand_user, fbench_cache, is_file
+from fbench.replay.data.files import Draft, expand_user, fbench_cache, is_file, make_folder
 
 _YOLOX_PAGE = "https://github.com/Megvii-BaseDetection/YOLOX/blob/main/demo/ONNXRuntime/README.md"
 _YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0"
@@ -136,6 +136,7 @@ def store(entry: Entry, blocks: Iterable[bytes], source: str, target: Path) -> N
     Raises ModelError where it isn't, or can't be written; nothing is left behind.
     """
     try:
+        make_folder(target.parent)
         digest, num_bytes = hashlib.sha256(), 0
         with Draft(target) as draft:
             with draft.path.open("wb") as out:

@@ -5,7 +5,8 @@ import fcntl
 import os
 import shutil
 import stat
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
 from typing import Self
@@ -50,19 +51,20 @@ class Draft:
 
     The lock lies on the draft itself, so that the system releases it when a process ends, however it ends. The next
     draft of the same target puts back what a killed process was about to replace, and removes what it left. Missing
-    parent folders are made. Raises ConfigError where another process writes the same target, OSError where nothing can
-    be written.
+    parent folders are made. Raises ConfigError, here and in `publish`, where nothing can be written or another process
+    writes the same target.
     """
 
     def __init__(self, target: Path, is_folder: bool = False) -> None:
-        self.path = target.with_name(f".{target.name}.partial")
-        self._target, self._is_folder = target, is_folder
+        self.path = (whole := target.resolve()).with_name(f".{whole.name}.partial")
+        self._given, self._target, self._is_folder = target, whole, is_folder
         self._old = self.path.with_name(f"{self.path.name}.old")  # what `publish` replaces, for a moment
-        make_folder(target.parent)
-        while (number := self._lock()) is None:
-            pass
-        self._number: int | None = number
-        self._settle()
+        with self._explain():
+            make_folder(whole.parent)
+            while (number := self._lock()) is None:
+                pass
+            self._number: int | None = number
+            self._settle()
 
     def __enter__(self) -> Self:
         return self
@@ -72,13 +74,14 @@ class Draft:
 
     def publish(self) -> None:
         """Give the draft its name, in place of what has it; at no moment is there half of either."""
-        sync(self.path)
-        if self._is_folder and self._target.exists():
-            self._target.rename(self._old)
-        self.path.replace(self._target)
-        sync(self._target.parent)
-        self._settle()
-        self._close()
+        with self._explain():
+            sync(self.path)
+            if self._is_folder and self._target.exists():
+                self._target.rename(self._old)
+            self.path.replace(self._target)
+            sync(self._target.parent)
+            self._settle()
+            self._close()
 
     def discard(self) -> None:
         """Leave nothing behind; does nothing after `publish`."""
@@ -109,12 +112,19 @@ class Draft:
                         return number
                     remove(self.path)
         except BlockingIOError:
-            why = f"{self._target}: another process is writing it; try again when it has finished"
+            why = f"{self._given}: another process is writing it; try again when it has finished"
             raise ConfigError(why) from None
         finally:
             if not is_mine:
                 os.close(number)
         return None
+
+    @contextmanager
+    def _explain(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise ConfigError(f"{self._given}: can't be written ({error.strerror})") from error
 
     def _settle(self) -> None:
         if self._old.exists() and not self._target.exists():

@@ -140,11 +140,7 @@ class Export:
 @contextmanager
 def _draft(job: Export) -> Iterator[Path]:
     """What is written until it gets its name; nothing is left of it where that doesn't happen."""
-    try:
-        draft = Draft(job.out.absolute(), is_folder=not job.request.is_nuscenes)
-    except OSError as error:
-        raise ConfigError(f"{job.out}: can't be written ({error.strerror})") from error
-    with draft:
+    with Draft(job.out, is_folder=not job.request.is_nuscenes) as draft:
         yield draft.path
         draft.publish()
 

@@ -53,11 +53,7 @@ class RunWriter:
     """Writes one run folder; nothing appears under its name before `finish`."""
 
     def __init__(self, folder: Path, overwrite: bool = False) -> None:
-        self.folder = folder.resolve()
-        try:
-            self._draft = Draft(self.folder, is_folder=True)
-        except OSError as error:
-            raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
+        self.folder, self._draft = folder.resolve(), Draft(folder, is_folder=True)
         try:
             if folder.exists() and not overwrite:
                 raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")

@@ -77,5 +77,4 @@ def _write_whole(out: Path, content: bytes) -> None:
             draft.path.write_bytes(content)
             draft.publish()
     except OSError as error:
-        why = f"{out}: the report can't be written ({error.strerror}); choose another with --out"
-        raise ConfigError(why) from error
+        raise ConfigError(f"{out}: can't be written ({error.strerror})") from error

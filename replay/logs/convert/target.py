@@ -45,10 +45,7 @@ class PartsWriter:
         self._name = folder.stem if folder.suffix == ".mcap" else folder.name
         self._start_ns: int | None = None
         self._period = 0
-        try:
-            self._draft = Draft(folder, is_folder=True)
-        except OSError as error:
-            raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
+        self._draft = Draft(folder, is_folder=True)
         try:
             self._part = self._next()
         except BaseException:
@@ -72,8 +69,6 @@ class PartsWriter:
         try:
             self._part.close()
             self._draft.publish()
-        except OSError as error:
-            raise ConfigError(f"{self.path}: can't be written ({error.strerror})") from error
         finally:
             self.discard()
 

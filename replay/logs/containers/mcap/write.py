@@ -45,11 +45,8 @@ class RawMcapWriter:
         self.path = path
         self._schemas: dict[Schema, int] = {}
         self._channels: dict[tuple[object, ...], int] = {}
-        try:
-            self._draft = Draft(path)
-            self._file = self._draft.path.open("wb")
-        except OSError as error:
-            raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
+        self._draft = Draft(path)
+        self._file = self._draft.path.open("wb")
         self._writer = Writer(
             self._file, chunk_size, COMPRESSIONS[compression], use_chunking=is_chunked, enable_data_crcs=True
         )

@@ -69,10 +69,7 @@ class ParquetWriter:
         self._is_open = True
         if path.is_symlink() or (path.exists() and not _is_log(path)):
             raise ConfigError(f"{path}: exists and isn't a Parquet log, so it isn't replaced; choose another name")
-        try:
-            self._draft = Draft(path, is_folder=True)
-        except OSError as error:
-            raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
+        self._draft = Draft(path, is_folder=True)
 
     def __enter__(self) -> Self:
         return self
