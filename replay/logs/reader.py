@@ -11,6 +11,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.logs.arrange import arrange, box_channels, facts, rename
+from fbench.replay.logs.bursts import join_bursts, mean_parts
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, TruthPart
 from fbench.replay.logs.container import Container, Entry
@@ -73,15 +74,27 @@ class LogReader:
 
     @cached_property
     def num_messages(self) -> Mapping[str, int]:
-        """Messages of each sensor and stream of poses, by name, as the index says."""
+        """Messages of each sensor and stream of poses, by name, as the index says; a burst counts as one."""
         counts: Counter[str] = Counter()
         names = [(id_, role.sensor) for id_, role in sorted(self.roles.items()) if role.kind in MESSAGES]
         names += [(id_, self._calibration.tf.name) for id_ in sorted(self._calibration.tf.channels)]
         for id_, name in names:
             counts[name] += self.container.counts.get(id_, 0)
+        for name, parts in self._bursts.items():
+            counts[name] = round(counts[name] / parts)
         if num := sum(self.container.counts.get(id_, 0) for id_ in self.tick_channels):
             counts[BOXES] = num
         return counts
+
+    @cached_property
+    def _bursts(self) -> Mapping[str, float]:
+        """How many messages make a measurement of the sensors that send several, by name."""
+        means: dict[str, float] = {}
+        for id_ in sorted(self._channels("lidar", "radar")):
+            entries = self.container.entries(frozenset([id_]))
+            if (mean := mean_parts(self._decoder.message(entry) for entry in entries)) > 1:
+                means[self.roles[id_].sensor] = mean
+        return means
 
     @cached_property
     def tick_channels(self) -> frozenset[int]:
@@ -101,16 +114,15 @@ class LogReader:
     def messages(self) -> Iterator[Message | RigChange]:
         """All measurements and poses in canonical order, and between them where the rig changes."""
         events = self._events(self._channels(*MESSAGES) | self._calibration.tf.channels)
-        yield from (event for _, event in events if event is not None and not isinstance(event, TruthPart))
+        messages = (event for _, event in events if event is not None and not isinstance(event, TruthPart))
+        return join_bursts(messages, frozenset(self._bursts))
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
         """The same with the instants of boxes, in a log without measurements."""
         ticks = self.tick_channels
-        for entry, event in self._events(self._channels(*MESSAGES) | self._calibration.tf.channels | ticks, ticks):
-            if isinstance(event, TruthPart):
-                yield make_tick(entry, event)
-            elif event is not None:
-                yield event
+        events = self._events(self._channels(*MESSAGES) | self._calibration.tf.channels | ticks, ticks)
+        found = ((entry, event) for entry, event in events if event is not None)
+        return (make_tick(entry, event) if isinstance(event, TruthPart) else event for entry, event in found)
 
     def everything(self) -> Iterator[tuple[Entry, Event]]:
         """All entries of all channels in canonical order, with what each holds: `None` where fbench has no use for it,
