@@ -280,22 +280,17 @@ def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEH
 
 
 def _judge_tracks(view: View, group: Group, options: ScoreOptions) -> _Judged:
-    found = follow_tracks(view.sequence, group, view.match)
-    candidates, used = found.judgement.candidates, np.flatnonzero(found.judgement.used)
-    partner = np.full(len(candidates.estimate_row), -1, np.int64)
-    partner[used] = found.pairs.truth_of
-    outcome = found.judgement.outcome.copy()
-    outcome[used] = np.where(found.pairs.truth_of >= 0, BoxOutcome.HIT, BoxOutcome.FALSE_ALARM)
-    outcome[candidates.invalid] = BoxOutcome.INVALID
+    judgement, problem, pairs = follow_tracks(view.sequence, group, view.match)
+    candidates, used = judgement.candidates, np.flatnonzero(judgement.used)
     frames = view.sequence.steps.frame[candidates.truth.step]
-    rows = np.flatnonzero(found.pairs.estimate_of >= 0)
+    rows = np.flatnonzero(pairs.estimate_of >= 0)
     last: dict[int, tuple[int, int]] = {}
     switches: dict[int, tuple[int, int]] = {}
-    for row, estimate in zip(rows.tolist(), used[found.pairs.estimate_of[rows]].tolist(), strict=True):
-        number, truth = int(candidates.estimates.track_id[estimate]), int(found.problem.truth_id[row])
+    for row, estimate in zip(rows.tolist(), used[pairs.estimate_of[rows]].tolist(), strict=True):
+        number, truth = int(candidates.estimates.track_id[estimate]), int(problem.truth_id[row])
         if number < 0:
             continue
         if truth in last and last[truth][0] != number:
             switches[estimate] = last[truth]
         last[truth] = number, int(frames[row])
-    return _Judged("track", group, options, Judgement(candidates, partner, outcome), switches)
+    return _Judged("track", group, options, judgement, switches)

@@ -45,6 +45,12 @@ class Blocks:
         within = np.arange(len(row)) - np.repeat(np.cumsum(of_row) - of_row, of_row)
         return row.astype(np.int64), (first + within).astype(np.int64)
 
+    def locate(self, place: Int64) -> tuple[Int64, Int64]:
+        """Return row and column (K,) of the values at these places (K,)."""
+        step = np.searchsorted(self.start, place, side="right") - 1
+        row, column = np.divmod(place - self.start[step], np.diff(self.column_start)[step])
+        return self.row_start[step] + row, self.column_start[step] + column
+
     def select(self, rows: Bool, columns: Bool) -> "Blocks":
         """Return the pairs of the marked rows (N,) and columns (M,), numbered from 0 on."""
         if rows.all() and columns.all():

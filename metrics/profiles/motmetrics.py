@@ -53,7 +53,9 @@ class MotmetricsProfile(TracksProfile):
 
     def count(self, problem: Problem) -> ClassCounts:
         """Count one class. Similarities are rounded as 1 - IoU, which is compared there, rounds them."""
-        own = problem if self.match.is_distance else replace(problem, similarity=1.0 - (1.0 - problem.similarity))
+        own = problem
+        if not self.match.is_distance:
+            own = problem.with_similarity(1.0 - (1.0 - problem.pairs.values))
         clear, identity = clear_counts(own, self.clear_rules()), identity_counts(own, self.match.floor)
         return ClassCounts(clear, identity, num_result_tracks=problem.num_estimate_ids)
 

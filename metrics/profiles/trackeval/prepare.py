@@ -11,7 +11,7 @@ from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.similarity import Blocks, blocks, image_overlaps
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.sequences import Objects, Sequence
 
 
@@ -137,10 +137,7 @@ def _problem(
             raise MetricError(f"{where}: {what} have id {names[row]} twice", code="GT003")
         ids.append(number_tracks(names, steps.stream[step]))
     (truth_id, estimate_id), left = ids, pairs.select(*kept)
-    return Problem(
-        left.row_start, left.column_start, left.start, left.values, steps.stream, truth_id, estimate_id,
-        estimates.score[kept[1]], rows[0][kept[0]], rows[1][kept[1]],
-    )  # fmt: skip
+    return Problem(left, steps.stream, truth_id, estimate_id, rows[0][kept[0]], rows[1][kept[1]])
 
 
 def _excuse(
@@ -201,10 +198,3 @@ def _of_class(
     if preparation.order == "as given":
         return rows, others
     return rows[content_order(sequence.truth[rows])], others[content_order(sequence.estimates[others])]
-
-
-def overlaps(problem: Problem, match: Match) -> Float64:
-    """Similarity (B,) of 0 to 1 as HOTA needs it: distances become max(0, 1 - distance / threshold)."""
-    if not match.is_distance:
-        return problem.similarity
-    return np.maximum(0.0, 1 + problem.similarity / match.threshold)

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.profiles.trackeval import fields as of
 from fbench.metrics.profiles.trackeval.fields import LABELS, ClassCounts, Field, TrackingCounts
-from fbench.metrics.profiles.trackeval.prepare import HALF, KITTI, MOT15, MOT17, MOT20, Preparation, overlaps, problems
+from fbench.metrics.profiles.trackeval.prepare import HALF, KITTI, MOT15, MOT17, MOT20, Preparation, problems
 from fbench.metrics.tracking.clear import TRACKEVAL_RULES, ClearRules, clear_counts
 from fbench.metrics.tracking.hota import hota_counts
 from fbench.metrics.tracking.identity import identity_counts
@@ -149,7 +149,7 @@ class TrackEvalProfile(TracksProfile):
         """Count one class."""
         return ClassCounts(
             clear_counts(problem, self.clear_rules()), identity_counts(problem, self.match.floor),
-            hota_counts(replace(problem, similarity=overlaps(problem, self.match))), problem.num_estimate_ids,
+            hota_counts(problem.overlaps(self.match)), problem.num_estimate_ids,
         )  # fmt: skip
 
 
