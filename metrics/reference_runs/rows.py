@@ -1,9 +1,7 @@
 """Objects with a rectangle, a solid or both, from the boxes of frames, by the tables by which boxes are exported."""
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from fbench.replay.data.arrays import Bool, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.sequences import Objects
 from fbench.replay.formats.export_request import TABLES
+from fbench.replay.formats.kitti import ALPHA, UNKNOWN_ALPHA
 from fbench.replay.formats.sequence import ImageRows, pair_boxes
 
 RACK = "static_object.bicycle_rack"  # nuScenes' truth tells where bicycles stand that don't count
@@ -39,30 +38,6 @@ def names_of(family: Family | None, source_labels: Text, labels: Text, ignored: 
         if is_ignored and region and (region == "dontcare" or own not in table.own):
             known[triple] = region
     return text_array([known[triple] for triple in triples])
-
-
-B = TypeVar("B", Boxes2D, Boxes3D)
-_UNKNOWN = {"f": np.nan, "i": -1, "u": 0, "b": False, "U": ""}
-"""What stands for 'unknown' where a frame lacks what others have."""
-
-
-def stack(parts: Sequence[B], nothing: B) -> B:
-    """Join boxes one after the other; what only some tell is unknown in the others."""
-    full = [part for part in parts if len(part)]
-    if not full:
-        return nothing
-    joined: dict[str, Any] = {}
-    for own in fields(full[0]):
-        columns = [getattr(part, own.name) for part in full]
-        if known := [column for column in columns if column is not None]:
-            unknown = np.full_like(known[0][:1], _UNKNOWN[known[0].dtype.kind])
-            filled = (unknown.repeat(len(part), axis=0) for part in full)
-            joined[own.name] = np.concatenate([f if c is None else c for f, c in zip(filled, columns, strict=True)])
-    return type(nothing)(**joined)
-
-
-_ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")  # Attribute of 2D truth from KITTI's labels
-_UNKNOWN_ALPHA = -10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +91,8 @@ def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float6
 
     alpha = np.full(num, np.nan) if alpha_rad is None else alpha_rad.copy()
     for row, text in enumerate(found.column("attribute", "").tolist()):
-        if given := _ALPHA.fullmatch(text):
-            alpha[row] = np.nan if float(given[1]) == _UNKNOWN_ALPHA else float(given[1])
+        if given := ALPHA.fullmatch(text):
+            alpha[row] = np.nan if float(given[1]) == UNKNOWN_ALPHA else float(given[1])
 
     names = ("occlusion", "truncation", "visibility")
     levels: dict[str, Any] = {name: _if_known(np.asarray(found.column(name, np.nan), np.float64)) for name in names}

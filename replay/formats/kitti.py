@@ -55,9 +55,9 @@ _NAMES = (
     "rotation_y", "score",
 )  # fmt: skip
 _NUM_TRACKING, _NUM_OBJECT = 17, 15  # Columns without a score
-_UNKNOWN_ALPHA = -10
+UNKNOWN_ALPHA = -10
 _COLUMNS_CAMERA = "image"
-_ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")
+ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")
 """Attribute of 2D truth: the angle as the label file gave it, which doesn't follow from the box."""
 _ZERO = re.compile(r"(?<!\S)-(?=0\.0*(?!\S))")  # Sign of a number that is rounded to zero
 _UNKNOWN_BOX = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)
@@ -114,7 +114,7 @@ def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | 
         ignore=True if dont_care else None,
         occlusion=None if occluded == -1 else occluded,
         truncation=None if truncated == -1 else truncated,
-        alpha_rad=None if v["alpha"] == _UNKNOWN_ALPHA else v["alpha"],
+        alpha_rad=None if v["alpha"] == UNKNOWN_ALPHA else v["alpha"],
     )
 
 
@@ -191,7 +191,7 @@ def make_columns(
         "xyxy_px": np.where(has_flat[:, None], numbers[:, 3:7], np.nan) if has_flat.any() else None,
         "ignore": dont_care if dont_care.any() else None,
     }
-    unknown_at = (("alpha_rad", alpha, _UNKNOWN_ALPHA), ("truncation", truncated, -1), ("occlusion", occluded, -1))
+    unknown_at = (("alpha_rad", alpha, UNKNOWN_ALPHA), ("truncation", truncated, -1), ("occlusion", occluded, -1))
     for name, values, unknown in unknown_at:
         known = np.where(values == unknown, np.nan, values)
         columns[name] = None if np.isnan(known).all() else known
@@ -357,7 +357,7 @@ def _states(
     found = _format_rows(seen[:, None], digits)
     if not is_truth:
         return [f"-1 -1 {alpha}" for alpha in found]
-    given = [_ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
+    given = [ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
     alphas = [own if match is None else match[1] for own, match in zip(found, given, strict=True)]
     form = "{:g}" if is_tracking else "{:.2f}"
     truncated = [form.format(v) if np.isfinite(v) else "-1" for v in rows.column("truncation", np.nan).tolist()]

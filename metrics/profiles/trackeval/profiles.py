@@ -1,5 +1,6 @@
 """HOTA, CLEAR and Identity as TrackEval 1.3.0 counts them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
@@ -70,7 +71,7 @@ _HEADLINES = Headlines(
 
 
 @dataclass(frozen=True)
-class TracksProfile:
+class TracksProfile(ABC):
     """What the profiles that look for tracks in images have in common: boxes are prepared, matched and counted."""
 
     name: str
@@ -100,9 +101,9 @@ class TracksProfile:
         names = (rule.name for rule in self.preparation.classes)
         return TrackingCounts({name: self.count(one) for name, one in zip(names, found, strict=True)})
 
+    @abstractmethod
     def count(self, problem: Problem) -> ClassCounts:
         """Count one class."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

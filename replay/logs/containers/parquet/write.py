@@ -3,7 +3,6 @@
 import os
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -13,7 +12,7 @@ from fbench.replay.contracts.errors import ConfigError, DataError, LogError
 from fbench.replay.data.files import swap, sync
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
-from fbench.replay.logs.codecs.codec import TruthPart
+from fbench.replay.logs.codecs.codec import TruthPart, split_truth
 from fbench.replay.logs.container import Channel, Entry
 from fbench.replay.logs.containers.limits import check_storable
 from fbench.replay.logs.containers.parquet import log_json, stream_write
@@ -93,10 +92,8 @@ class ParquetWriter:
         stamp, frame number or text can't be stored, or the message is too large.
         """
         if isinstance(message, Truth):
-            has_2d = message.boxes2d is not None
-            self.write_part(TruthPart(replace(message, boxes2d=None), is_2d=False, expects_2d=has_2d))
-            if has_2d:
-                self.write_part(TruthPart(replace(message, boxes3d=None), is_2d=True))
+            for part in split_truth(message):
+                self.write_part(part)
             return
         where = check_storable(self.path, message)
         kind, sensor = _KINDS[type(message)], message.sensor
