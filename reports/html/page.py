@@ -4,14 +4,13 @@ Charts are drawn by a few hundred lines of plain JavaScript instead of plotly: i
 report, and the frame viewer (points, boxes and image linked to each other) would have to be written by hand anyway.
 """
 
-import os
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from markupsafe import Markup
 
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.files import replace_text, sync
 from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
 from fbench.reports.html import overview
@@ -65,24 +64,18 @@ class HtmlReport:
         """
         if not runs:
             raise ConfigError("report: no runs given; name at least one run folder")
-        _write_whole(out, page(runs).encode("utf-8"))
+        _write_whole(out, page(runs))
 
     def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
         """Write the tables of an experiment, and below them the report of `runs`, some of its own; see `write`."""
-        _write_whole(out, page(runs, results).encode("utf-8"))
+        _write_whole(out, page(runs, results))
 
 
-def _write_whole(out: Path, content: bytes) -> None:
-    partial = out.with_name(f".{out.name}.partial-{os.getpid()}")
+def _write_whole(out: Path, content: str) -> None:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(out)
+        replace_text(out, content)
+        sync(out)
     except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
         why = f"{out}: the report can't be written ({error.strerror}); choose another with --out"
         raise ConfigError(why) from error

@@ -11,7 +11,7 @@ from fbench.metrics.profiles.kitti import rows
 from fbench.metrics.profiles.kitti.rows import KittiClass, Pairs
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.sequences import Sequence
 
 
@@ -44,14 +44,6 @@ class TrackTable:
     track_score: Float64  # (T,) mean score of the track
     num_bad_truth: int  # Left out; what the source left out already is of any class
     num_bad_results: int  # They are false positives at every threshold
-
-    def __post_init__(self) -> None:
-        truth, estimates, tracks = ("N",), ("M",), ("T",)
-        freeze_fields(
-            self, truth_ignored=("?", truth), track_start=("i8", ("K1",)), track_rows=("i8", truth),
-            estimate_track=("i8", estimates), excusable=("?", estimates), track_size=("i8", tracks),
-            track_score=("f8", tracks),
-        )  # fmt: skip
 
 
 def track_table(sequence: Sequence, kind: KittiClass, rules: TrackRules) -> TrackTable:

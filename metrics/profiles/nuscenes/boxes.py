@@ -205,14 +205,17 @@ def centers_xy(side: Side) -> Float64:
     return np.ascontiguousarray(solids(side.boxes).center_m[:, :2])
 
 
-class Candidates(NamedTuple):
-    """Boxes of one class of one sequence, by step, and the pairs of them that are near; int32 but for the reals."""
+class NearBoxes(NamedTuple):
+    """Boxes of one class of one sequence: S steps, N truth boxes, M results, P pairs of them that are near each other.
+
+    int32 and float64 only, so that many can be held.
+    """
 
     truth_start: Array  # (S + 1,) offsets of steps
     truth_track: Array  # (N,)
     estimate_start: Array  # (S + 1,)
     estimate_track: Array  # (M,)
-    score: Array  # (M,)
+    score: Float64  # (M,) mean of the track; infinite for a result that isn't valid and has no finite score
     pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
     pair_estimate: Array  # (P,) rows
-    pair_m: Array  # (P,) distances
+    pair_m: Float64  # (P,) distances

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.metrics.profiles.nuscenes.boxes import LeftOut, distances_m, solids
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects
 
 
@@ -22,12 +22,6 @@ class Ranking:
     hit: Bool  # (M, D) at each distance
     error: Float64  # (K, 5) of the K results that hit at the distance for errors, in their order
     has_error: Bool  # (M,) which ones these are
-
-    def __post_init__(self) -> None:
-        freeze_fields(
-            self, num_truth=("i8", ("C",)), frame=("i8", ("M",)), place=("i8", ("M",)), kind=("i1", ("M",)),
-            score=("f8", ("M",)), hit=("?", ("M", "D")), error=("f8", ("K", 5)), has_error=("?", ("M",)),
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

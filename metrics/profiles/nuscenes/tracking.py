@@ -40,7 +40,7 @@ class ClassValues:
 
 def class_values(clips: Sequence[Clip], settings: TrackingSettings) -> ClassValues:
     """Return the metrics of one class from its clips."""
-    num_truth = sum(len(clip.truth_track) for clip in clips)
+    num_truth = sum(len(clip.near.truth_track) for clip in clips)
     if not num_truth:
         return ClassValues(0, 0, None, 0, dict.fromkeys(UNITS, np.nan))
     thresholds = _thresholds(clips, num_truth, settings)
@@ -80,7 +80,7 @@ def _sweep(clips: Sequence[Clip], thresholds: Float64) -> tuple[dict[str, Float6
     from fbench.metrics.profiles.nuscenes.kernels import COUNTS, sweep  # numba takes a while to import
 
     distinct, index = np.unique(thresholds, return_inverse=True)
-    found = [sweep(distinct, clip.candidates, clip.num_truth_tracks) for clip in clips]
+    found = [sweep(distinct, clip.near, clip.num_truth_tracks) for clip in clips]
     counts = np.sum([own for own, _, _ in found], axis=0)[index].T.astype(np.float64)
     # Exact, so that the order of clips is no matter.
     total_m = np.array([fsum(column) for column in zip(*(own_m for _, own_m, _ in found), strict=True)])

@@ -66,7 +66,10 @@ class Added(Detected):
 
 @pytest.mark.parametrize("metric", [Detected(), Added()])
 def test_metrics_of_plugins_are_there_for_several_runs_too(tmp_path: Path, metric: Detected) -> None:
-    runs = [written(tmp_path, "a", [Case(RIGHT, CAR)] * 3), written(tmp_path, "b", [Case(RIGHT, CAR), Case(RIGHT[:0], CAR)])]
+    runs = [
+        written(tmp_path, "a", [Case(RIGHT, CAR)] * 3),
+        written(tmp_path, "b", [Case(RIGHT, CAR), Case(RIGHT[:0], CAR)]),
+    ]
     parts = [measure_run(run, ScoreOptions(), metrics=(*METRICS, metric)) for run in runs]
     rows = [row for row in combine_runs(parts) if row.metric == "detected"]
     assert [(row.slice, row.counts) for row in rows] == [
