@@ -94,8 +94,11 @@ class _Judged:
 
     def table(self, steps: Int64) -> Table:
         """Return what became of the boxes at these steps."""
-        parts = [_Step(self, int(step)) for step in steps]
-        truth, estimates = ([v for part in parts for v in own(part)] for own in (_Step.of_truth, _Step.of_estimates))
+        parts, c = [_Step(self, int(step)) for step in steps], self.judgement.candidates
+        place = {row: n for n, row in enumerate(c.truth_row.tolist())}
+        truth = [part.of_truth(row, place.get(row)) for part in parts for row in part.truth_rows]
+        place = {row: m for m, row in enumerate(c.estimate_row.tolist())}
+        estimates = [part.of_estimate(row, place.get(row)) for part in parts for row in part.estimate_rows]
         return Table(self.what, tuple(truth), tuple(estimates))
 
 
@@ -114,17 +117,8 @@ class _Step:
         self.first_n, self.first_m = int(c.similarity.row_start[step]), int(c.similarity.column_start[step])
         self.first_k = int(c.excuse.row_start[step])
 
-    def of_truth(self) -> list[Verdict]:
-        """Return the verdicts on all truth boxes."""
-        place = {row: n for n, row in enumerate(self.candidates.truth_row.tolist())}
-        return [self._of_truth(row, place.get(row)) for row in self.truth_rows]
-
-    def of_estimates(self) -> list[Verdict]:
-        """Return the verdicts on all estimates."""
-        place = {row: m for m, row in enumerate(self.candidates.estimate_row.tolist())}
-        return [self._of_estimate(row, place.get(row)) for row in self.estimate_rows]
-
-    def _of_truth(self, row: int, n: int | None) -> Verdict:
+    def of_truth(self, row: int, n: int | None) -> Verdict:
+        """Return the verdict on a truth box, the n-th of those to be found."""
         if n is None:
             return self._verdict("truth", row, "ignored", self._why_ignored(row))
         what, m = self.judged.what, int(self.judged.estimate_on[n])
@@ -144,7 +138,8 @@ class _Step:
         busy = f"is on {self._truth(taken)}" if taken >= 0 else "doesn't count"
         return self._verdict("truth", row, "missed", f"{nearest}, {busy}")
 
-    def _of_estimate(self, row: int, m: int | None) -> Verdict:
+    def of_estimate(self, row: int, m: int | None) -> Verdict:
+        """Return the verdict on an estimate, the m-th of the class."""
         judged, what = self.judged, self.judged.what
         if m is None:
             own = self.estimates.label[row]

@@ -41,9 +41,7 @@ def summarize(
 
 
 def stage_latency(stage: str, times_ns: Sequence[int], num_first: int = 1) -> dict[str, Any]:
-    """Summarise the times [ns] of one stage, in the order in which it ran, without the first `num_first`, 0 or 1;
-    `None` where no others are there.
-    """
+    """Summarise times [ns] of a stage, in its order, without the first `num_first`, 0 or 1; `None`: no others."""
     ranked = sorted(times_ns[num_first:])
     values = {
         f"p{percent}_ms": nearest_rank(ranked, percent) / _NS_PER_MS if ranked else None for percent in (50, 95, 99)

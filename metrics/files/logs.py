@@ -98,7 +98,7 @@ def _at_body(sequence: BoxSequence) -> Side:
         flat, flat_frame = flat[:0], flat_frame[:0]
     rows = join_sides(flat_frame, flat, np.arange(len(flat)), solid_frame, solid)
     objects = objects_of(rows, "kitti-tracking" if is_kitti else None, keys[order][rows.frame])
-    names: Text = np.append(rows.found.flat.camera, "")[rows.found.flat_rows]
+    names: Text = np.append(rows.flat.camera, "")[rows.flat_rows]
     camera = names if len(np.unique(names[names != ""])) > 1 else np.array([], np.str_)
     space = "camera" if is_kitti else "body"
     return Side(objects if len(objects) else nothing(), keys[order], not has_numbers, camera=camera, space=space)

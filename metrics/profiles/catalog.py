@@ -18,9 +18,7 @@ def profile_names() -> list[str]:
 
 
 def profile_of(name: str) -> AnyProfile:
-    """Return a profile by its name, or by `FILE.py:CLASS`. Raises ConfigError for an unknown name, with the nearest,
-    or where it stands for something else.
-    """
+    """Return a profile by name or `FILE.py:CLASS`. ConfigError: an unknown name, with the nearest, or no profile."""
     loaded = load("profiles", name)
     try:
         profile = loaded() if inspect.isclass(loaded) else loaded

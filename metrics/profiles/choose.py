@@ -160,9 +160,7 @@ class Evaluation(Generic[S]):
 
 
 def evaluate(profile: Profile[S], sequences: Iterable[Sequence]) -> Evaluation[S]:
-    """Measure sequences one by one; only one is held at a time. Raises MetricError where there is no sequence, two have
-    one name, or one can't be scored.
-    """
+    """Measure sequences, holding one at a time. MetricError: none, two of one name, or one that can't be scored."""
     statistics: dict[str, S] = {}
     for sequence in sequences:
         if sequence.name in statistics:

@@ -1,6 +1,5 @@
 """Objects with a rectangle, a solid or both, from the boxes of frames, by the tables by which boxes are exported."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,26 +39,7 @@ def names_of(family: Family | None, source_labels: Text, labels: Text, ignored: 
     return text_array([known[triple] for triple in triples])
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """N objects of several frames."""
-
-    frame: Int64  # (N,) ascending
-    found: ImageRows  # A rectangle is NaN where there is none
-
-    def __len__(self) -> int:
-        return len(self.frame)
-
-    def __getitem__(self, rows: Bool | Int64) -> "Rows":
-        return Rows(self.frame[rows], self.found[rows])
-
-    @property
-    def ignored(self) -> Bool:
-        """(N,)"""
-        return np.asarray(self.found.column("ignore", False), bool)
-
-
-def join_sides(flat_frame: Int64, flat: Boxes2D, chosen: Int64, solid_frame: Int64, solid: Boxes3D) -> Rows:
+def join_sides(flat_frame: Int64, flat: Boxes2D, chosen: Int64, solid_frame: Int64, solid: Boxes3D) -> ImageRows:
     """Return the objects of N 2D boxes, of which those `chosen` are in one camera's image, and of M 3D boxes, by their
     frames (N,) and (M,): in each frame those with a 2D box in their order, then the others.
     """
@@ -68,17 +48,17 @@ def join_sides(flat_frame: Int64, flat: Boxes2D, chosen: Int64, solid_frame: Int
     frame = np.concatenate([flat_frame[chosen], solid_frame[alone]])
     xyxy = np.concatenate([flat.xyxy_px[chosen], np.full((len(alone), 4), np.nan)])
     flat_rows = np.concatenate([chosen, np.full(len(alone), -1)])
-    rows = Rows(frame, ImageRows(xyxy, flat, flat_rows, solid, np.concatenate([mates, alone])))
+    rows = ImageRows(frame, xyxy, flat, flat_rows, solid, np.concatenate([mates, alone]))
     return rows[np.argsort(frame, kind="stable")] if (np.diff(frame) < 0).any() else rows
 
 
-def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float64 | None = None) -> Objects:
+def objects_of(found: ImageRows, family: Family | None, step: Int64, alpha_rad: Float64 | None = None) -> Objects:
     """Return N rows, sorted by step (N,), as objects with the benchmark's names; solids are where the 3D boxes are.
 
     `family` is that of the benchmark; `None`: of none. `alpha_rad` (N,) are angles of observation that follow from the
     boxes; those that the source tells go first.
     """
-    found, ignored, num = rows.found, rows.ignored, len(rows)
+    ignored, num = np.asarray(found.column("ignore", False), bool), len(found)
     ids = np.array(found.column("track_id", -1), np.int64)
     if family == "mot":  # its regions have ids, too, which no other box has
         nameless = np.flatnonzero(ignored & (ids < 0))

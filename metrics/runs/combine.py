@@ -18,6 +18,7 @@ from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.profiles import Match, Statistics
 from fbench.replay.contracts.protocols import AddsCounts, Metric
 from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.formats.text import is_number
 from fbench.replay.runs.folder import Run
 
 _ORDER = (
@@ -118,21 +119,13 @@ def measure_run(
     tracked = tracking.tracking_entries(shared, options, match)
     native, words = found[0].heading, manifest.log.metadata
     # No numbers, and no texts as long as that of regions.
-    tags = {key: value for key, value in words.items() if 0 < len(value) <= _LONGEST_WORD and not _is_number(value)}
+    tags = {key: value for key, value in words.items() if 0 < len(value) <= _LONGEST_WORD and not is_number(value)}
     return RunStatistics(
         (manifest.log.name, manifest.log.log_id, manifest.digest), manifest.pipeline,
         {"log": manifest.log.name, **tags},
         RunTable(found, tracked, native.matching, native.num_frames, len(shared.frames)),
         [(m, m.scores(shared, options)) for m in metrics if not isinstance(m, detection.Detection | tracking.Tracking)],
     )  # fmt: skip
-
-
-def _is_number(value: str) -> bool:
-    try:
-        float(value)
-    except ValueError:
-        return False
-    return True
 
 
 def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> list[Score]:
@@ -204,9 +197,7 @@ def _matchings(run: RunStatistics) -> list[str]:
 
 
 def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatistics]]]:
-    """Each value of each tag by which runs differ; of others than log, scenario and condition only what several runs
-    have in common.
-    """
+    """Each value of each tag by which runs differ; but for log, scenario, condition only what several share."""
     others = sorted({key for run in runs for key in run.tags} - set(_ALWAYS))
     for tag in (*_ALWAYS, *others):
         values = Counter(run.tags.get(tag) for run in runs)

@@ -38,9 +38,7 @@ class Detection:
 def detection_entries(
     run: Run, options: ScoreOptions, match: Match | None = None
 ) -> tuple[Entry[DetectionCounts], ...]:
-    """Measure the detections of a run: all vehicles in each space, then labels and slices in its own space, or in that
-    of `match`, see `views`.
-    """
+    """Measure all vehicles in each space, then labels and slices in the run's own, or by `match`, see `views`."""
     spaces = views(run, run.detections, options, match)
     entries, native = measure_classes(spaces, run.detections, scores.detection_counts, DetectionCounts()), spaces[0]
     if native.heading.reason:

@@ -80,9 +80,7 @@ def _follow(judgement: Judgement) -> tuple[Problem, ClearPairs, Int64]:
 
 
 def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> TrackingCounts:
-    """Match and count one class of one sequence, or of a part of it, see `follow_tracks`. Raises MetricError where
-    boxes lack what the match compares.
-    """
+    """Match and count one class, see `follow_tracks`. MetricError where boxes lack what the match compares."""
     judgement, problem, pairs = follow_tracks(sequence, group, match, part)
     truth, track_id = judgement.candidates.truth, judgement.candidates.estimates.track_id[judgement.used]
     switches = pairs.count(SWITCH)

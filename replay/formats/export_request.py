@@ -80,8 +80,7 @@ MOT_CLASSES = {
     10: ("occluder on the ground", "other"), 11: ("occluder full", "other"), 12: ("reflection", "other"),
     13: ("crowd", "other"),
 }  # fmt: skip
-"""Name and label by the number of MOT16 and later (A. Milan et al., "MOT16: A Benchmark for Multi-Object Tracking",
-table 3)."""
+"""Name, label by number, from MOT16 on (A. Milan et al., "MOT16: A Benchmark for Multi-Object Tracking", table 3)."""
 _MOT = ClassTable(
     {name: name for name, _ in MOT_CLASSES.values()},
     {

@@ -65,8 +65,7 @@ _UNKNOWN_BOX = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)
 _SURE = 1.0  # Score of results that have none
 _MARGIN_RAD = 1e-6  # Labels with six decimals go so far beyond pi
 _IGNORED_TRACKING = " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -10, -1, -1, -1))
-"""Numbers behind the 2D box of an ignored region; the tracking benchmark has them in another order than the object
-benchmark."""
+"""Numbers behind the 2D box of an ignored region, in an order that differs between tracking and object benchmark."""
 _IGNORED_OBJECT = "-1 -1 -1 -1000 -1000 -1000 -10"
 _AB3DMOT_NAMES = (
     "left", "top", "right", "bottom", "score", "height", "width", "length", "x", "y", "z", "rotation_y", "alpha",

@@ -34,8 +34,7 @@ from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
 SHIFT_PX = 1.0
-"""Pixels count from 1 there, from 0 here. Whether 1 is the middle or the edge of the first pixel isn't defined; the
-middle is taken."""
+"""Pixels count from 1 there. Whether that is the middle or edge of the first pixel isn't defined; here the middle."""
 _NUMBERS = {name: number for number, (name, _) in MOT_CLASSES.items()}
 _DISTRACTOR = "distractor"  # Class of what is neither a hit nor a miss
 _SURE = 1.0  # Confidence of results that have no score

@@ -112,9 +112,10 @@ def pair_boxes(
 
 @dataclass(frozen=True, eq=False)
 class ImageRows:
-    """N objects of one frame: each with a 2D box, a 3D box, or both."""
+    """N objects: each with a 2D box, a 3D box, or both."""
 
-    xyxy_px: Float64  # (N, 4) as labeled or found, else around the projected 3D box
+    frame: Int64  # (N,) ascending, where they are of several frames
+    xyxy_px: Float64  # (N, 4) as labeled or found, else around the projected 3D box; NaN where there is none
     flat: Boxes2D
     flat_rows: Int64  # (N,) row in `flat`, -1 where there is none
     solid: Boxes3D
@@ -138,7 +139,8 @@ class ImageRows:
         return namer(self.column("source_label", ""), self.column("label", ""))
 
     def __getitem__(self, rows: Bool | Int64) -> "ImageRows":
-        return ImageRows(self.xyxy_px[rows], self.flat, self.flat_rows[rows], self.solid, self.solid_rows[rows])
+        columns = self.frame[rows], self.xyxy_px[rows]
+        return ImageRows(*columns, self.flat, self.flat_rows[rows], self.solid, self.solid_rows[rows])
 
 
 def choose_camera(sequence: BoxSequence, requested: str) -> str:
@@ -196,7 +198,8 @@ def _image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
         left[f"not seen by {camera}"] += int(np.count_nonzero(~seen))
         alone, xyxy = alone[seen], xyxy[seen]
     flat_rows = np.concatenate([np.arange(len(flat)), np.full(len(alone), -1)])
-    return ImageRows(np.concatenate([flat.xyxy_px, xyxy]), flat, flat_rows, solid, np.concatenate([mates, alone]))
+    both, solid_rows = np.concatenate([flat.xyxy_px, xyxy]), np.concatenate([mates, alone])
+    return ImageRows(np.zeros(len(both), np.int64), both, flat, flat_rows, solid, solid_rows)
 
 
 def small_ids(parts: Iterable[Boxes2D | Boxes3D]) -> Callable[[int], int]:

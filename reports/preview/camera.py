@@ -169,9 +169,7 @@ def _draw_rectangles(picture: Pixels, sample: Sample, camera: str, window: Windo
 
 
 def _interesting(sample: Sample, camera: str, found: Layer) -> Float64 | None:
-    """Rectangle [px] that is worth a closer look: nearest truth that is wholly seen with points in it, else the region
-    with most points between 5 and 40 m.
-    """
+    """Rectangle [px] to look closer at: nearest truth wholly seen with points in it, else most points in 5 to 40 m."""
     width, height = sample.rig.cameras[camera].size_wh
     rects, seen = project_boxes(sample.rig, camera, boxes3d(sample.truth))
     distance = np.sqrt(np.sum(boxes3d(sample.truth).center_m ** 2, axis=1))

@@ -158,14 +158,6 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Arrival:
-    """When one message was measured, and when it was recorded."""
-
-    stamp_ns: int
-    log_ns: int
-
-
-@dataclass(frozen=True)
 class Instant:
     """The stamps of what is in one frame."""
 
@@ -188,7 +180,8 @@ class Material:
     num_frames: int
     num_labeled: int
     instants: Sequence[Instant]  # Of frames evenly spread over the log
-    arrivals: Mapping[str, Sequence[Arrival]]  # Of messages evenly spread over the log, by sensor or stream of poses
+    arrivals: Mapping[str, Sequence[tuple[int, int]]]
+    """`stamp_ns` and `log_ns` of messages evenly spread over the log, by sensor or stream of poses."""
     num_messages: Mapping[str, int]  # Read of each sensor or stream of poses
     missing: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     """In how many frames a sensor is missing, by its name and the reason."""

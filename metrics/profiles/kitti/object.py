@@ -219,9 +219,7 @@ class KittiObject:
         return frozenset(kind.label for kind in self.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with one overlap for all classes. Raises ConfigError where it isn't an intersection over
-        union.
-        """
+        """Return the profile with one overlap for all classes. ConfigError if it isn't an intersection over union."""
         if match.likeness not in _LIKENESSES:
             raise ConfigError(f"{self.name}: --match {match.likeness}: expected iou2d, ioubev or iou3d")
         return replace(self, classes=tuple(replace(kind, matches=(match,)) for kind in self.classes))

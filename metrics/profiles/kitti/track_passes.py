@@ -47,9 +47,7 @@ class TrackTable:
 
 
 def track_table(sequence: Sequence, kind: KittiClass, rules: TrackRules) -> TrackTable:
-    """Select what counts for one class. Raises MetricError where an id is twice in a frame (GT003), or boxes lack what
-    is matched.
-    """
+    """Select what counts for a class. MetricError: an id is twice in a frame (GT003), or boxes lack what is matched."""
     steps, match, sides, num_bad = sequence.steps, rules.match, [], []
     for side, own in (("truth", sequence.truth), ("results", sequence.estimates)):
         objects = own[np.isin(own.label, kind.labels) & (own.track_id >= 0)]

@@ -122,9 +122,7 @@ class Kitti3dMot:
         return replace(self, rules=replace(self.rules, match=match))
 
     def measure(self, sequence: Sequence) -> Tables[TrackTable]:
-        """Return what counts in one sequence. Raises MetricError where an id is twice in a frame (GT003), or boxes lack
-        what is matched.
-        """
+        """Return what counts. MetricError: an id is twice in a frame (GT003), or boxes lack what is matched."""
         return Tables((tuple(track_table(sequence, kind, self.rules) for kind in self.classes),))
 
     def scores(self, statistics: Tables[TrackTable], part: str) -> list[Score]:

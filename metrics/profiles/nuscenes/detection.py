@@ -91,9 +91,7 @@ class NuscenesDetection:
         return frozenset(self.settings.rules.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with one distance for AP and errors. Raises ConfigError where it isn't a distance between
-        centers in the ground plane.
-        """
+        """Return the profile with one distance for AP and errors. ConfigError if not of centers on the ground."""
         distance_m = center_distance(self.name, match)
         settings = replace(self.settings, distances_m=(distance_m,), error_distance_m=distance_m)
         return replace(self, settings=settings)

@@ -147,9 +147,7 @@ class NuscenesTracking:
         return frozenset(self.settings.rules.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another distance. Raises ConfigError where it isn't a distance between centers in the
-        ground plane.
-        """
+        """Return the profile with another distance. ConfigError where it isn't one of centers in the ground plane."""
         return replace(self, settings=replace(self.settings, distance_m=center_distance(self.name, match)))
 
     def measure(self, sequence: Sequence_of_sequence) -> TrackingStatistics:

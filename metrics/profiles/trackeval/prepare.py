@@ -66,8 +66,7 @@ KITTI = Preparation(
     ),
     drops_missing_ids=True, max_truncation=0, max_occlusion=2, min_height_px=25, region_label="dontcare",
 )  # fmt: skip
-"""TrackEval 1.3.0, `datasets/kitti_2d_box.py`, where 'car_2' is a car too; its 'person' is KITTI's sitting person under
-one of two names."""
+"""TrackEval 1.3.0, `datasets/kitti_2d_box.py`: 'car_2' is a car too; 'person' is one name of KITTI's sitting person."""
 
 _MOT_DISTRACTORS = frozenset({"person on vehicle", "static person", "distractor", "reflection"})
 _MOT_OTHERS = frozenset(
@@ -93,9 +92,7 @@ _EPS = float(np.finfo(float).eps)
 
 
 def problems(sequence: Sequence, preparation: Preparation, match: Match) -> Iterator[Problem]:
-    """Yield what counts of each class. Raises MetricError where an id is missing or twice in a step (GT003), or labels
-    are of another benchmark.
-    """
+    """Yield what counts of each class. MetricError: an id is missing or twice in a step (GT003), labels of others."""
     sides = ((sequence.truth, "truth"), (sequence.estimates, "results"))
     for (objects, what), allowed in zip(sides, (preparation.known_labels, preparation.only_labels), strict=True):
         strange = ~_select_labels(objects, allowed)

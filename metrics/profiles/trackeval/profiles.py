@@ -94,9 +94,7 @@ class TracksProfile(ABC):
         return replace(self, match=match)
 
     def measure(self, sequence: Sequence) -> TrackingCounts:
-        """Return the statistics of one sequence. Raises MetricError where an id is missing or twice in a frame (GT003),
-        or labels are of another benchmark.
-        """
+        """Return statistics. MetricError: an id is missing or twice in a frame (GT003), labels of another benchmark."""
         found = problems(sequence, self.preparation, self.match)
         names = (rule.name for rule in self.preparation.classes)
         return TrackingCounts({name: self.count(one) for name, one in zip(names, found, strict=True)})
@@ -141,17 +139,12 @@ class TrackEvalProfile(TracksProfile):
             for field in block.fields
         ]
 
-    def clear_rules(self) -> ClearRules:
-        """Return the rules of CLEAR with the floor of the match."""
-        offset = 2 * self.match.threshold if self.match.is_distance else 0.0
-        return replace(self.rules, floor=self.match.floor, offset=offset)
-
     def count(self, problem: Problem) -> ClassCounts:
         """Count one class."""
-        return ClassCounts(
-            clear_counts(problem, self.clear_rules()), identity_counts(problem, self.match.floor),
-            hota_counts(problem.overlaps(self.match)), problem.num_estimate_ids,
-        )  # fmt: skip
+        match = self.match
+        rules = replace(self.rules, floor=match.floor, offset=2 * match.threshold if match.is_distance else 0.0)
+        clear, identity = clear_counts(problem, rules), identity_counts(problem, match.floor)
+        return ClassCounts(clear, identity, hota_counts(problem.overlaps(match)), problem.num_estimate_ids)
 
 
 _AS = "as TrackEval 1.3.0 counts"
