@@ -127,17 +127,15 @@ def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     draw_sensors(picture, ground.to_picture, sample.rig)
     _write_rings(picture, rings)
     _draw_axes(picture, ground)
-    texts, colors = [f"frame {sample.frame.index}, from above"], [INK]
+    rows = [(f"frame {sample.frame.index}, from above", INK)]
     for points in sample.placed("lidar"):
-        texts.append(f"LiDAR {draw.plain(points.sensor)}: {len(points.xyz)} points")
-        colors.append(of_sensor(lidars.index(points.sensor)))
+        text = f"LiDAR {draw.plain(points.sensor)}: {len(points.xyz)} points"
+        rows.append((text, of_sensor(lidars.index(points.sensor))))
     for points in sample.placed("radar"):
-        texts.append(f"radar {draw.plain(points.sensor)}: {len(points.xyz)} points, red recedes, blue nears")
-        colors.append(INK)
-    if len(boxes):
-        texts.append(f"truth: {len(boxes)} boxes, the line points to their front")
-        colors.append(TRUTH)
-    draw.lines(picture, texts, colors)
+        text = f"radar {draw.plain(points.sensor)}: {len(points.xyz)} points, red recedes, blue nears"
+        rows.append((text, INK))
+    rows += [(f"truth: {len(boxes)} boxes, the line points to their front", TRUTH)] if len(boxes) else []
+    draw.lines(picture, [text for text, _ in rows], [color for _, color in rows])
     return picture
 
 

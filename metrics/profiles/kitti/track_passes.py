@@ -127,16 +127,10 @@ class Pass:
         return self.likeness / self.tp if self.tp else 0.0
 
 
-@dataclass(frozen=True)
-class Passes:
-    """All that the rows of one class are made of."""
-
-    recalls: tuple[Pass, ...]  # By rising recall; recalls that weren't reached are missing
-    best: Pass  # At the threshold with the highest MOTA above 0, else with all results
-
-
-def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:
-    """Find the thresholds from the scores of all tables, and count at each."""
+def run_passes(tables: Many[TrackTable], num_recalls: int) -> tuple[list[Pass], Pass]:
+    """Find the thresholds from the scores of all tables, and count at each: by rising recall, without recalls that
+    aren't reached; then at the threshold with the highest MOTA above 0, else with all results.
+    """
     walks = [_Walk(table) for table in tables]
     everything = _add_walks(walks, (ALL_RESULTS,), (1.0,), is_first=True)[0]
     scores = np.concatenate([np.zeros(0), *(walk.scores_of_matches() for walk in walks)])
@@ -146,7 +140,7 @@ def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:
     for one in passes:
         if one.mota is not None and one.mota > best_mota:
             best_mota, best = one.mota, one.threshold
-    return Passes(tuple(passes), _add_walks(walks, (best,), (1.0,), is_first=False)[0])
+    return passes, _add_walks(walks, (best,), (1.0,), is_first=False)[0]
 
 
 class _Walk:

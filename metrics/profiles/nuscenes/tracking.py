@@ -154,13 +154,13 @@ class NuscenesTracking:
         """Return what is near what in one sequence. Raises MetricError where it can't be scored: an id twice in a
         sample (GT003), boxes without track, no boxes in space, too many results.
         """
-        boxes = select_counted(sequence, self.settings.rules)
-        check_tracked(sequence, "truth", boxes.truth.boxes)
-        check_tracked(sequence, "a result", boxes.estimates.boxes)
-        truth, estimates = track_points(sequence, boxes.truth), track_points(sequence, boxes.estimates)
-        num_classes = len(self.settings.rules.classes)
-        clips = clips_of(sequence.name, truth, estimates, len(sequence.steps), num_classes, self.settings.distance_m)
-        return TrackingStatistics(clips, boxes.left_out)
+        truth, estimates, left_out = select_counted(sequence, self.settings.rules)
+        check_tracked(sequence, "truth", truth.boxes)
+        check_tracked(sequence, "a result", estimates.boxes)
+        points = track_points(sequence, truth), track_points(sequence, estimates)
+        num_steps, num_classes = len(sequence.steps), len(self.settings.rules.classes)
+        clips = clips_of(sequence.name, *points, num_steps, num_classes, self.settings.distance_m)
+        return TrackingStatistics(clips, left_out)
 
     def scores(self, statistics: TrackingStatistics, part: str) -> list[Score]:
         """Return all metrics over the classes, then of each class."""
