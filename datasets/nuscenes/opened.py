@@ -203,9 +203,7 @@ class NuScenesSet:
 
     @property
     def database(self) -> Database:
-        """The large tables, as far as the chosen scenes need them. Raises LogError where one is wrong; the same each
-        time, since nobody wants to read on for that.
-        """
+        """The large tables, as far as scenes need them. LogError where one is wrong, again without reading on."""
         if self._error is not None:
             raise self._error
         if self._database is None:

@@ -93,16 +93,9 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     """Return truth and results of a run as the benchmark's own files would have them: tracks or detections, in images,
     the body or the world, with the benchmark's names of classes.
 
-    All boxes are there, wherever they are: a benchmark has regions of its own.
-
-    Args:
-        run: With truth.
-        profile: A benchmark's; what `default` says of runs is in `own_rows`.
-        match: What the user said of how boxes match: a profile in images matches in space by it, and the other way
-            round.
-
-    Raises:
-        MetricError: where nothing has truth of the kind (GT001), or results aren't of it.
+    All boxes are there, wherever they are: a benchmark has regions of its own. What `default` says of runs is in
+    `own_rows`. By a `match` of the user a profile in images matches in space, and the other way round. Raises
+    MetricError where nothing has truth of the kind (GT001), or results aren't of it.
     """
     facts = profile.facts
     table = run.tracks if facts.judges_tracks else run.detections

@@ -15,13 +15,11 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.sequences import Objects, Sequence, Space
-from fbench.replay.formats.sequence import ImageRows, body_T_level
+from fbench.replay.formats.sequence import KITTI_CAMERA, ImageRows, body_T_level
 from fbench.replay.geometry.camera import not_projectable, project_boxes
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
-
-_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +45,7 @@ def view_of(run: Run, boxes: Boxes, space: Space) -> View:
         raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
     labeled, known = Labelled.of(run, wanted), run.manifest.rig.cameras
     # KITTI's own camera, where the log is KITTI's.
-    kept = _KITTI_CAMERA if run.manifest.log.metadata.get(CAMERA0) is not None else ""
+    kept = KITTI_CAMERA if run.manifest.log.metadata.get(CAMERA0) is not None else ""
     cameras, bent = labeled.cameras(boxes, kept), ""
     if isinstance(boxes, Boxes3D) or not is_recorded:  # cameras whose lens isn't modeled, or that the rig doesn't know
         unknown = (name for name in cameras if name not in known or not_projectable(known[name]) is not None)

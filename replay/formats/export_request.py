@@ -54,8 +54,7 @@ class ClassTable:
     """One benchmark's classes."""
 
     own: Mapping[str, str]
-    """Names by what datasets call a class (`source_label`), where the benchmark tells more classes apart than fbench;
-    empty: has no place in it."""
+    """Names by `source_label`, where the benchmark tells more classes apart than fbench; empty: has no place in it."""
     labels: Mapping[str, str]  # Names by the labels of fbench; without one: has no place
 
     def name(self, source_label: str, label: str) -> str | None:

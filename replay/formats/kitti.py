@@ -17,7 +17,7 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.messages import Truth
-from fbench.replay.formats.bulk_text import IrregularError, PlainText, parse_plain, read_bytes, read_plain
+from fbench.replay.formats.bulk_text import IrregularError, PlainText, parse_plain, read_bytes
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import (
     Columns,
@@ -120,7 +120,7 @@ def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | 
 def read_tracking_columns(path: Path) -> Columns:
     """Read the file of one sequence; steps are frames, solids as in `parse_object_row`, errors name row and column."""
     try:
-        if (plain := read_plain(path, " ", words=2)) is None:
+        if (plain := parse_plain(read_bytes(path), " ", words=2)) is None:
             return to_columns([], [])
         if plain.width < _NUM_TRACKING:
             raise IrregularError
@@ -273,7 +273,7 @@ def parse_ab3dmot_row(line: Line, camera: str) -> LabeledObject:
 def read_ab3dmot_columns(path: Path) -> Columns:
     """Read detections of one sequence; steps are frames. LogError names row and column of what can't be read."""
     try:
-        plain = read_plain(path, ",")
+        plain = parse_plain(read_bytes(path), ",")
         if plain is None:
             return to_columns([], [])
         if plain.width != AB3DMOT_COLUMNS:
