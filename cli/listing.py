@@ -170,13 +170,13 @@ def show_profiles() -> None:
 
 def show_profile(name: str) -> None:
     """Print the rules of one profile. Raises ConfigError for an unknown name."""
-    from fbench.metrics.profiles.catalog import describe_rules, explain, profile_of
+    from fbench.metrics.profiles.catalog import describe_rules, profile_of
 
     profile = profile_of(name)
     out = console()
     out.print(f"{profile.name}: {profile.summary}")
     out.print()
-    out.print(explain(profile))
+    out.print(inspect.getdoc(type(profile)) or "")  # how it counts
     out.print()
     table = _table("rule", "value")
     for path, text in describe_rules(profile).items():

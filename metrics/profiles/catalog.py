@@ -37,11 +37,6 @@ def describe_rules(profile: AnyProfile) -> dict[str, str]:
     return {path: text for path, text in _items("", profile) if path not in ("name", "summary")}
 
 
-def explain(profile: AnyProfile) -> str:
-    """Return what its class says of how it counts."""
-    return inspect.getdoc(type(profile)) or ""
-
-
 def _items(path: str, value: object) -> Iterator[tuple[str, str]]:
     if isinstance(value, Match):
         yield path, str(value)

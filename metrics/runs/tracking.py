@@ -29,9 +29,7 @@ class Tracking:
     """
 
     def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
-        """Return rows for all vehicles as one class in each space, then for each label, then of what is seen. Raises
-        MetricError where an id occurs twice in one frame.
-        """
+        """Return rows of all vehicles in each space, of labels, of what is seen. MetricError: id twice in a frame."""
         return [row for entry in tracking_entries(run, options) for row in rows_of(entry)]
 
 

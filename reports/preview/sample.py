@@ -141,13 +141,13 @@ class Sample:
     def depth_edges_m(self) -> Float64:
         """Near sides (N, 3) of jumps in depth of all placed LiDARs, in body coordinates [m]."""
         found = [np.zeros((0, 3))]
-        for points in self.placed("lidar"):
+        for points in self.points_of("lidar"):
             body_T_sensor, turn = self.rig.body_T_sensor(points.sensor), np.eye(4)
             turn[:3, :3] = body_T_sensor[:3, :3].T  # jumps are sought along the sensor's rings
             found.append(points.xyz[depth_edges(transform(turn, points.xyz - body_T_sensor[:3, 3]))])
         return np.concatenate(found)
 
-    def placed(self, kind: Kind) -> list[Points]:
+    def points_of(self, kind: Kind) -> list[Points]:
         """Points in body coordinates of the sensors of one kind."""
         return [points for points in self.points if points.kind == kind and points.is_placed]
 

@@ -97,9 +97,7 @@ class NuscenesDetection:
         return replace(self, settings=settings)
 
     def measure(self, sequence: Sequence) -> DetectionStatistics:
-        """Return what each result of one sequence hit. Raises MetricError where it can't be scored: an id twice in a
-        sample (GT003), no boxes in space, too many results.
-        """
+        """Return what results hit. MetricError: id twice in a sample (GT003), no boxes in space, too many results."""
         from fbench.metrics.profiles.nuscenes.kernels import match_nearest  # numba takes a while to import
 
         truth, estimates, left_out = select_counted(sequence, self.settings.rules)
