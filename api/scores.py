@@ -20,6 +20,7 @@ from fbench.replay.truth.times import make_max_between_ns
 if TYPE_CHECKING:
     from fbench.metrics.core.bootstrap import Bootstrap
     from fbench.replay.contracts.profiles import Headlines
+    from fbench.replay.contracts.protocols import Metric
 
 FEWEST_RESAMPLES, MOST_RESAMPLES = 20, 100_000
 """Of fewer resamples the ends of 95 % are extremes of a handful; more take hours and memory and say nothing new."""
@@ -196,8 +197,7 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
     from fbench.metrics.runs.combine import score_run
 
     run = Run(folder)
-    metrics = [load("metrics", name)() for name in entry_points_of("metrics")]
-    scores = score_run(run, options, metrics)
+    scores = score_run(run, options, _make_metrics())
     if how is not None:
         from fbench.metrics.runs.scoring import intervals_of_run
 
@@ -206,6 +206,10 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
     save_scores(folder / "scores.json", scores)
     replace_text(folder / "latency.json", latency)
     return Run(folder)
+
+
+def _make_metrics() -> "list[Metric]":
+    return [load("metrics", name)() for name in entry_points_of("metrics")]
 
 
 def require_truth(run: Run) -> None:
@@ -236,7 +240,8 @@ def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
     from fbench.metrics.runs.combine import combine_runs, describe_gaps, measure_run
 
     complete = all(run.manifest.complete for run in runs)
-    measured = [measure_run(run, request.options) for run in runs]
+    metrics = _make_metrics()
+    measured = [measure_run(run, request.options, metrics=metrics) for run in runs]
     rows = combine_runs(measured, request.resampling.bootstrap())
     return ScoreResult(rows, f"{len(runs)} runs together", warnings=tuple(describe_gaps(measured)), complete=complete)
 

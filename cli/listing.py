@@ -130,9 +130,15 @@ def show_metrics() -> None:
 
 
 def show_metric(name: str) -> None:
-    """Print what one metric is. Raises ConfigError for an unknown name."""
-    from fbench.metrics.definitions.catalog import definition_of
+    """Print what one metric is, or what a plug-in that scores runs says of itself. Raises ConfigError for an unknown
+    name.
+    """
+    from fbench.metrics.definitions.catalog import DEFINITIONS, definition_of
 
+    points = plugins.entry_points_of("metrics")
+    if name in points and name not in DEFINITIONS:
+        say(f"{name}: {points[name].value}", "", inspect.getdoc(plugins.load("metrics", name)) or "")
+        return
     definition = definition_of(name)
     table = _table("", "")
     table.show_header = False
@@ -164,13 +170,13 @@ def show_profiles() -> None:
 
 def show_profile(name: str) -> None:
     """Print the rules of one profile. Raises ConfigError for an unknown name."""
-    from fbench.metrics.profiles.catalog import describe_rules, explain, profile_of
+    from fbench.metrics.profiles.catalog import describe_rules, profile_of
 
     profile = profile_of(name)
     out = console()
     out.print(f"{profile.name}: {profile.summary}")
     out.print()
-    out.print(explain(profile))
+    out.print(inspect.getdoc(type(profile)) or "")  # how it counts
     out.print()
     table = _table("rule", "value")
     for path, text in describe_rules(profile).items():

@@ -40,9 +40,7 @@ _CONFIGURATIONS: Mapping[tuple[str, Space], Published] = {
 PUBLISHED: Mapping[tuple[str, Space], Published] = {
     **_CONFIGURATIONS, **{(f"thesis/{name}", space): own for (name, space), own in _CONFIGURATIONS.items()},
 }  # fmt: skip
-"""By pipeline and space: ours, then the thesis's as written. The thesis has one figure for each configuration and
-doesn't say in which space: it stands beside the space of the configuration's own boxes, and beside no other.
-"""
+"""By pipeline and space, as `NOTES` say: ours, then the thesis's as written."""
 NOTES = (
     "The thesis has one figure for each configuration and doesn't say in which space: it stands beside the space of "
     + "the configuration's own boxes alone, the image for those in 2D, 3D for those in 3D.",

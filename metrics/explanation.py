@@ -94,8 +94,11 @@ class _Judged:
 
     def table(self, steps: Int64) -> Table:
         """Return what became of the boxes at these steps."""
-        parts = [_Step(self, int(step)) for step in steps]
-        truth, estimates = ([v for part in parts for v in own(part)] for own in (_Step.of_truth, _Step.of_estimates))
+        parts, c = [_Step(self, int(step)) for step in steps], self.judgement.candidates
+        place = {row: n for n, row in enumerate(c.truth_row.tolist())}
+        truth = [part.of_truth(row, place.get(row)) for part in parts for row in part.truth_rows]
+        place = {row: m for m, row in enumerate(c.estimate_row.tolist())}
+        estimates = [part.of_estimate(row, place.get(row)) for part in parts for row in part.estimate_rows]
         return Table(self.what, tuple(truth), tuple(estimates))
 
 
@@ -114,17 +117,8 @@ class _Step:
         self.first_n, self.first_m = int(c.similarity.row_start[step]), int(c.similarity.column_start[step])
         self.first_k = int(c.excuse.row_start[step])
 
-    def of_truth(self) -> list[Verdict]:
-        """Return the verdicts on all truth boxes."""
-        place = {row: n for n, row in enumerate(self.candidates.truth_row.tolist())}
-        return [self._of_truth(row, place.get(row)) for row in self.truth_rows]
-
-    def of_estimates(self) -> list[Verdict]:
-        """Return the verdicts on all estimates."""
-        place = {row: m for m, row in enumerate(self.candidates.estimate_row.tolist())}
-        return [self._of_estimate(row, place.get(row)) for row in self.estimate_rows]
-
-    def _of_truth(self, row: int, n: int | None) -> Verdict:
+    def of_truth(self, row: int, n: int | None) -> Verdict:
+        """Return the verdict on a truth box, the n-th of those to be found."""
         if n is None:
             return self._verdict("truth", row, "ignored", self._why_ignored(row))
         what, m = self.judged.what, int(self.judged.estimate_on[n])
@@ -144,7 +138,8 @@ class _Step:
         busy = f"is on {self._truth(taken)}" if taken >= 0 else "doesn't count"
         return self._verdict("truth", row, "missed", f"{nearest}, {busy}")
 
-    def _of_estimate(self, row: int, m: int | None) -> Verdict:
+    def of_estimate(self, row: int, m: int | None) -> Verdict:
+        """Return the verdict on an estimate, the m-th of the class."""
         judged, what = self.judged, self.judged.what
         if m is None:
             own = self.estimates.label[row]
@@ -261,7 +256,7 @@ def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEH
         raise ConfigError(f"{run.folder}: there is no frame {frame}; frames are {known}")
     found, tracked = (views(shared, table, options)[0] for table in (shared.detections, shared.tracks))
     is_frame = found.sequence.steps.frame == frame
-    reason = found.reason or (None if is_frame.any() else "it has no truth")
+    reason = found.heading.reason or (None if is_frame.any() else "it has no truth")
     if reason is not None:
         raise MetricError(f"{run.folder}: frame {frame} isn't scored: {reason}", "GT001")
     require_unique_ids(tracked.sequence, str(run.folder))
@@ -276,26 +271,21 @@ def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEH
         # Whom a track is on depends on the frames before.
         _judge_tracks(tracked, group, options).table(np.flatnonzero(tracked.sequence.steps.frame == frame)),
     )
-    return Explanation(frame, record.stamp_ns, class_, found.matching, num_invalid, tables)
+    return Explanation(frame, record.stamp_ns, class_, found.heading.matching, num_invalid, tables)
 
 
 def _judge_tracks(view: View, group: Group, options: ScoreOptions) -> _Judged:
-    found = follow_tracks(view.sequence, group, view.match)
-    candidates, used = found.judgement.candidates, np.flatnonzero(found.judgement.used)
-    partner = np.full(len(candidates.estimate_row), -1, np.int64)
-    partner[used] = found.pairs.truth_of
-    outcome = found.judgement.outcome.copy()
-    outcome[used] = np.where(found.pairs.truth_of >= 0, BoxOutcome.HIT, BoxOutcome.FALSE_ALARM)
-    outcome[candidates.invalid] = BoxOutcome.INVALID
+    judgement, problem, pairs = follow_tracks(view.sequence, group, view.match)
+    candidates, used = judgement.candidates, np.flatnonzero(judgement.used)
     frames = view.sequence.steps.frame[candidates.truth.step]
-    rows = np.flatnonzero(found.pairs.estimate_of >= 0)
+    rows = np.flatnonzero(pairs.estimate_of >= 0)
     last: dict[int, tuple[int, int]] = {}
     switches: dict[int, tuple[int, int]] = {}
-    for row, estimate in zip(rows.tolist(), used[found.pairs.estimate_of[rows]].tolist(), strict=True):
-        number, truth = int(candidates.estimates.track_id[estimate]), int(found.problem.truth_id[row])
+    for row, estimate in zip(rows.tolist(), used[pairs.estimate_of[rows]].tolist(), strict=True):
+        number, truth = int(candidates.estimates.track_id[estimate]), int(problem.truth_id[row])
         if number < 0:
             continue
         if truth in last and last[truth][0] != number:
             switches[estimate] = last[truth]
         last[truth] = number, int(frames[row])
-    return _Judged("track", group, options, Judgement(candidates, partner, outcome), switches)
+    return _Judged("track", group, options, judgement, switches)

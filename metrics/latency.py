@@ -19,11 +19,8 @@ def summarize(
     time that was measured. Of wall times the first run of each stage is shown apart as `first_ms` and is in no other
     number; of times from a log all count, as a system that was at work had its first run before the log began.
 
-    Args:
-        timings: Times [ns] by stage, in the order of frames; `total` is the whole frame.
-        clock: Whose times they are: wall times of this host, or times from a frame's instant to the recording of its
-            result.
-        budget_ms: Time that a frame may take.
+    `timings` are times [ns] by stage, in the order of frames; `clock` says whose: wall times of this host, or times
+    from a frame's instant to the recording of its result. `budget_ms` is the time that a frame may take.
     """
     num_first, stages = 1 if clock == "host" else 0, (*(stage for stage in timings if stage != _WHOLE), _WHOLE)
     frames = timings.get(_WHOLE, [])[num_first:]
@@ -41,9 +38,7 @@ def summarize(
 
 
 def stage_latency(stage: str, times_ns: Sequence[int], num_first: int = 1) -> dict[str, Any]:
-    """Summarise the times [ns] of one stage, in the order in which it ran, without the first `num_first`, 0 or 1;
-    `None` where no others are there.
-    """
+    """Summarise times [ns] of a stage, in its order, without the first `num_first`, 0 or 1; `None`: no others."""
     ranked = sorted(times_ns[num_first:])
     values = {
         f"p{percent}_ms": nearest_rank(ranked, percent) / _NS_PER_MS if ranked else None for percent in (50, 95, 99)

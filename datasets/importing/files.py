@@ -137,9 +137,7 @@ def entries(folder: Path) -> list[Path]:
 
 
 def find_numbered(folder: Path, suffixes: tuple[str, ...], digits: int, frames: FrameRange = _ALL) -> dict[int, Path]:
-    """Return the files of a folder that are named by a number of so many digits, ascending; none where it isn't there.
-    Raises LogError where the folder can't be read.
-    """
+    """Return files named by numbers of so many digits, ascending; none without the folder. LogError: can't be read."""
     found = {int(p.stem): p for p in entries(folder) if p.suffix in suffixes and is_number(p.stem, digits)}
     return {number: found[number] for number in sorted(found) if number in frames}
 

@@ -18,7 +18,7 @@ from fbench.replay.data.arrays import own_arrays
 from fbench.replay.data.files import Draft, make_folder
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import LogInfo, RigChange
-from fbench.replay.logs.codecs.codec import TruthPart
+from fbench.replay.logs.codecs.codec import TruthPart, split_truth
 from fbench.replay.logs.codecs.foxglove.topics import BOXES2D, BOXES3D, message_topic
 from fbench.replay.logs.container import Entry, LogHeader, header_of
 from fbench.replay.logs.convert.run import Converted, write_items
@@ -213,11 +213,11 @@ def _items(recording: Recording) -> Generator[Item]:
                 case RigChange():
                     yield RigAt(imported.log_ns, imported.rig)
                 case Truth():
-                    for part in _parts(imported):
+                    for part in split_truth(imported):
                         yield Decoded(BOXES2D if part.is_2d else BOXES3D, imported.log_ns, part)
                 case OtherResult():
                     # A topic without any box would be taken for the results where there are only those in images.
-                    for part in _parts(imported.boxes):
+                    for part in split_truth(imported.boxes):
                         if part.is_2d or part.truth.boxes3d is not None:
                             yield _encode_result(recording.name, part, imported.boxes.log_ns)
                 case _:
@@ -231,11 +231,3 @@ def _encode_result(name: str, part: TruthPart, log_ns: int) -> Copied:
         raise LogError(f"{name}: a result can't be stored ({error})") from error
     channel, data = encoded.channel, memoryview(encoded.data)
     return Copied(channel, Entry(log_ns, channel.topic, 0, 0, 0, 0, encoded.sequence, encoded.publish_ns, data))
-
-
-def _parts(truth: Truth) -> Iterator[TruthPart]:
-    """3D boxes first, also where they are absent, which says that 2D ones follow."""
-    has_2d = truth.boxes2d is not None
-    yield TruthPart(replace(truth, boxes2d=None), is_2d=False, expects_2d=has_2d)
-    if has_2d:
-        yield TruthPart(replace(truth, boxes3d=None), is_2d=True)

@@ -93,7 +93,7 @@ class BenchmarkRecording:
         for sensor, path in present:
             try:
                 if sensor != LIDAR:
-                    size_wh = self._frames.expected_size(sensor)
+                    size_wh = self._frames.image_size(sensor)
                     yield read_image(path, sensor, stamp_ns, size_wh, frame_number=number)
                     continue
                 points = read_floats(path, 4)

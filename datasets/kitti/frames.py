@@ -159,7 +159,7 @@ class TrackingFrames:
             sizes[sensor] = sensors.size_without_images(P, rows) if size_wh is None else (size_wh, "of the images")
         return sizes
 
-    def expected_size(self, sensor: str) -> tuple[int, int] | None:
+    def image_size(self, sensor: str) -> tuple[int, int] | None:
         """Size [px] that all images of a camera must have: that of the first one."""
         return self._sizes[sensor][0]
 
@@ -280,7 +280,7 @@ class ObjectFrames:
         sizes_wh = {sensor: sensors.first_size([path]) for sensor, path in images.items()}
         return self.rig_at(number, {sensor: size for sensor, size in sizes_wh.items() if size is not None})
 
-    def expected_size(self, sensor: str) -> tuple[int, int] | None:
+    def image_size(self, sensor: str) -> tuple[int, int] | None:
         """Size [px] that all images of a camera must have; `None`, as each frame has its own."""
         return None
 

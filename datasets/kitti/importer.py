@@ -40,7 +40,7 @@ class Kitti:
     def names(self, source: Path) -> Sequence[str]:
         """See `Importer`."""
         require_folder(source)
-        names = [*raw.names(source), *_benchmarks(source)]
+        names = [*raw.find_drives(source), *_benchmarks(source)]
         if not names:
             raise LogError(
                 f"{source}: no KITTI data; expected raw drives (2011_09_26/2011_09_26_drive_0001_sync/), the tracking "

@@ -17,12 +17,12 @@ import numpy as np
 from fbench.datasets.importing.files import format_counts, format_list, read_floats, read_image
 from fbench.datasets.nuscenes.opened import Excerpt, NuScenesSet, read_scenes
 from fbench.datasets.nuscenes.rows import Scene
-from fbench.datasets.nuscenes.sensors import read_echoes, rig_of
+from fbench.datasets.nuscenes.sensors import read_scan, rig_of
 from fbench.datasets.nuscenes.tables import TABLES, DataRow, PoseRow, open_folder
 from fbench.datasets.nuscenes.truth import LABELS, SceneTruth
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import ImportWish, describe_params, file_facts, log_id
-from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.messages import Message, PointCloud, Pose, Truth
 from fbench.replay.data.rig import KINDS, LogInfo, Rig
 from fbench.replay.geometry.transforms import pose_matrix
 
@@ -226,11 +226,10 @@ class NuScenesRecording:
                 raise LogError(f"{path}: rings aren't numbers from 0 to 65535, expected x, y, z, intensity and ring")
             xyz, intensity = np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 3])  # [m], 0 to 255
             return PointCloud(name, stamp_ns, stamp_ns, xyz, intensity, ring.astype(np.uint16), frame_number=number)
-        echoes = read_echoes(path, self._params.radar_filter)
-        self._num_echoes += len(echoes.xyz) + echoes.num_dropped
-        self._num_dropped += echoes.num_dropped
-        receding, rcs = echoes.radial_velocity_mps, echoes.rcs_dbsm
-        return RadarScan(name, stamp_ns, stamp_ns, echoes.xyz, receding, rcs, frame_number=number)
+        scan, num_dropped = read_scan(path, name, stamp_ns, self._params.radar_filter, number)
+        self._num_echoes += len(scan.xyz) + num_dropped
+        self._num_dropped += num_dropped
+        return scan
 
     def summary(self) -> Sequence[str]:
         """What was found and what was odd."""

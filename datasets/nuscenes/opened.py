@@ -174,9 +174,7 @@ class NuScenesSet:
         return list(self._scenes).index(scene.name)
 
     def excerpt(self, scene: rows.Scene) -> Excerpt:
-        """Return what is wanted of a scene. Raises LogError where the chain of its samples leaves the scene, loops,
-        runs back in time, or isn't as the scene says.
-        """
+        """Return what is wanted. LogError: the chain of samples leaves the scene, loops, runs back or isn't as said."""
         chain: list[Instant] = []
         path, token, prev = self.folder.table("sample"), scene.first_sample_token, ""
         while token:
@@ -205,9 +203,7 @@ class NuScenesSet:
 
     @property
     def database(self) -> Database:
-        """The large tables, as far as the chosen scenes need them. Raises LogError where one is wrong; the same each
-        time, since nobody wants to read on for that.
-        """
+        """The large tables, as far as scenes need them. LogError where one is wrong, again without reading on."""
         if self._error is not None:
             raise self._error
         if self._database is None:

@@ -5,7 +5,6 @@ https://github.com/nutonomy/nuscenes-devkit, `RadarPointCloud` in `utils/data_cl
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,8 @@ from fbench.datasets.importing.files import is_pinhole
 from fbench.datasets.nuscenes.tables import DataRow, Tables
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import read_bytes
-from fbench.replay.data.arrays import Array, Bool, Float32
+from fbench.replay.data.arrays import Array, Bool
+from fbench.replay.data.messages import RadarScan
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 
 _MEASURED = ("x", "y", "z", "rcs", "vx", "vy")
@@ -27,23 +27,15 @@ _MAX_HEADER = 8192
 _MAX_ECHOES = 1_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class Echoes:
-    """One scan."""
+def read_scan(
+    path: Path, sensor: str, stamp_ns: int, filtered: bool, frame_number: int | None = None
+) -> tuple[RadarScan, int]:
+    """Read one scan, and say how many echoes the filter dropped. Echoes that aren't finite are left out, as in files of
+    scans without any.
 
-    xyz: Float32  # (N, 3) [m] in the radar's coordinate frame
-    radial_velocity_mps: Float32
-    """(N,) positive when receding, as measured: the part of (vx, vy) along the line of sight."""
-    rcs_dbsm: Float32  # (N,)
-    num_dropped: int  # Echoes that the filter dropped
-
-
-def read_echoes(path: Path, filtered: bool) -> Echoes:
-    """Read one scan; echoes that aren't finite are left out, as in files of scans without any.
-
-    The radial velocity is (x vx + y vy) / |(x, y, z)|; the radar measures no vertical velocity. `vx_comp` and
-    `vy_comp`, from which the ego motion is removed, aren't used. Raises LogError where the file is truncated or isn't
-    such a PCD.
+    The radial velocity is that along the line of sight, (x vx + y vy) / |(x, y, z)|; the radar measures no vertical
+    velocity. `vx_comp` and `vy_comp`, from which the ego motion is removed, aren't used. Raises LogError where the file
+    is truncated or isn't such a PCD.
     """
     table = _read_table(path)
     needed = [*_MEASURED, *(_FLAGS if filtered else ())]
@@ -58,8 +50,9 @@ def read_echoes(path: Path, filtered: bool) -> Echoes:
     along = x * columns["vx"] + y * columns["vy"]
     receding = np.divide(along, distance, out=np.full(len(kept), np.nan), where=distance > 0)
     xyz = np.stack([x, y, z], axis=1).astype(np.float32)
-    rcs = columns["rcs"].astype(np.float32)
-    return Echoes(xyz, receding.astype(np.float32), rcs, len(table) - len(kept))
+    receding, rcs = receding.astype(np.float32), columns["rcs"].astype(np.float32)
+    scan = RadarScan(sensor, stamp_ns, stamp_ns, xyz, receding, rcs, frame_number=frame_number)
+    return scan, len(table) - len(kept)
 
 
 def is_kept(table: Array) -> Bool:

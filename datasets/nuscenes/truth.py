@@ -19,30 +19,17 @@ from fbench.replay.data.classes import label as fbench_label
 from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
 
+_OTHERS = ("barrier", "debris", "pushable_pullable", "trafficcone")
+_PEDESTRIANS = ("adult", "child", "construction_worker", "personal_mobility", "police_officer", "wheelchair")
 LABELS = {
-    "animal": "other",
-    "human.pedestrian.adult": "pedestrian",
-    "human.pedestrian.child": "pedestrian",
-    "human.pedestrian.construction_worker": "pedestrian",
-    "human.pedestrian.personal_mobility": "pedestrian",
-    "human.pedestrian.police_officer": "pedestrian",
-    "human.pedestrian.stroller": "other",
-    "human.pedestrian.wheelchair": "pedestrian",
-    "movable_object.barrier": "other",
-    "movable_object.debris": "other",
-    "movable_object.pushable_pullable": "other",
-    "movable_object.trafficcone": "other",
-    "static_object.bicycle_rack": "other",
-    "vehicle.bicycle": "bicycle",
-    "vehicle.bus.bendy": "bus",
-    "vehicle.bus.rigid": "bus",
-    "vehicle.car": "car",
+    **dict.fromkeys(("animal", "human.pedestrian.stroller", "static_object.bicycle_rack"), "other"),
+    **{f"movable_object.{kind}": "other" for kind in _OTHERS},
+    **{f"human.pedestrian.{kind}": "pedestrian" for kind in _PEDESTRIANS},
+    **{f"vehicle.{kind}": kind for kind in ("bicycle", "car", "motorcycle", "trailer", "truck")},
+    **dict.fromkeys(("vehicle.bus.bendy", "vehicle.bus.rigid"), "bus"),
     "vehicle.construction": "truck",
     "vehicle.emergency.ambulance": "van",
     "vehicle.emergency.police": "car",
-    "vehicle.motorcycle": "motorcycle",
-    "vehicle.trailer": "trailer",
-    "vehicle.truck": "truck",
 }
 """All categories of the set; other sets in its layout may have plain names. Boxes of those on small vehicles and in
 wheelchairs hold person and vehicle; a stroller is labeled beside whoever pushes it.

@@ -108,9 +108,7 @@ def calibration_path(root: Path, chosen: Path | None) -> Path:
 
 
 def scan(root: Path, bad: BadInput) -> SequenceFiles:
-    """Find the files of a sequence and read their stamps. Raises LogError where there is no polar radar image, or a
-    sensor has files and no table of stamps.
-    """
+    """Find files and their stamps. LogError: no polar radar image, or a sensor has files and no table of stamps."""
     for name in (POLAR, f"{POLAR}.txt"):
         if not (root / name).exists():
             raise LogError(f"{root}: no {name}, without polar radar images it can't be imported")

@@ -114,11 +114,9 @@ def partners(pairs: Blocks, floor: float, offset: float) -> Int64:
     Pairs need a similarity of `floor`; they are chosen so that similarity plus `offset` sums up to the most.
     """
     place = best_places(pairs.row_start, pairs.column_start, pairs.start, pairs.values, floor, offset)
-    truth = np.flatnonzero(place >= 0)
-    step = np.searchsorted(pairs.row_start, truth, side="right") - 1
-    first, within = pairs.column_start[step], place[truth] - pairs.start[step]
+    truth, estimate = pairs.locate(place[place >= 0])
     truth_of = np.full(pairs.shape[1], -1, np.int64)
-    truth_of[first + within % (pairs.column_start[step + 1] - first)] = truth
+    truth_of[estimate] = truth
     return truth_of
 
 

@@ -95,9 +95,7 @@ class Bootstrap:
             raise ConfigError(f"bootstrap: {own}: expected 1 or more, and a share in 0-1")
 
     def times(self, num_units: int) -> Int64:
-        """Return how often each unit (num, U) is in each resample; depends on the seed and the number of units only,
-        so that numbers of the same units are resampled alike.
-        """
+        """Return how often each unit (num, U) is in each resample: the same for one seed and number of units."""
         drawn = generator(self.seed, "bootstrap", num_units).integers(0, num_units, (self.num, num_units))
         return np.array([np.bincount(row, minlength=num_units) for row in drawn], np.int64)
 

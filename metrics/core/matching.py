@@ -95,5 +95,4 @@ def match_best(similarity: Blocks, floor: float, late: Bool | None = None) -> In
 
 def _valid_pairs(similarity: Blocks, floor: float) -> tuple[Int64, Int64, Float64]:
     valid = np.flatnonzero(similarity.values >= floor)
-    truth, estimates = similarity.pairs
-    return truth[valid], estimates[valid], similarity.values[valid]
+    return *similarity.locate(valid), similarity.values[valid]

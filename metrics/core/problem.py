@@ -1,57 +1,27 @@
 """Assignment problems: the boxes of one class that count, and how similar they are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fbench.metrics.core.similarity import Blocks
 from fbench.replay.contracts.errors import MetricError
-from fbench.replay.contracts.profiles import Likeness
-from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
+from fbench.replay.contracts.profiles import Likeness, Match
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects, are_finite
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """S steps with N truth boxes to be found and M estimates that count, of one class of one sequence.
+    """S steps with N truth boxes to be found and M estimates that count, of one class of one sequence."""
 
-    Similarities are kept step by step in one flat array, so that kernels go over it without Python: those of step s
-    are `similarity[block_start[s]:block_start[s + 1]]`, row-major, one row a truth box of the step.
-    """
-
-    truth_start: Int64  # (S + 1,) offsets: step s has truth rows `truth_start[s]:truth_start[s + 1]`
-    estimate_start: Int64  # (S + 1,)
-    block_start: Int64  # (S + 1,) offsets into `similarity`
-    similarity: Float64  # (B,) higher is nearer; distances are negated
+    pairs: Blocks  # Similarity (N, M), higher is nearer; distances are negated
     stream: Int64  # (S,) tracks go on within a stream only
     truth_id: Int64
     """(N,) 0 to num_truth_ids - 1 over all streams (an id in two streams counts as two), -1 where there is none."""
     estimate_id: Int64  # (M,) as `truth_id`
-    score: Float64  # (M,)
     truth_row: Int64  # (N,) which rows of the sequence's truth they are, for reports
     estimate_row: Int64  # (M,)
-
-    def __post_init__(self) -> None:
-        offsets, truth, estimates = ("i8", ("S1",)), ("i8", ("N",)), ("i8", ("M",))
-        freeze_fields(
-            self, truth_start=offsets, estimate_start=offsets, block_start=offsets, similarity=("f8", ("B",)),
-            stream=("i8", ("S",)), truth_id=truth, estimate_id=estimates, score=("f8", ("M",)), truth_row=truth,
-            estimate_row=estimates,
-        )  # fmt: skip
-
-    @property
-    def num_steps(self) -> int:
-        """S."""
-        return len(self.stream)
-
-    @property
-    def num_truth(self) -> int:
-        """N."""
-        return len(self.truth_id)
-
-    @property
-    def num_estimates(self) -> int:
-        """M."""
-        return len(self.estimate_id)
 
     @property
     def num_truth_ids(self) -> int:
@@ -63,10 +33,17 @@ class Problem:
         """Estimated tracks that count."""
         return int(self.estimate_id.max(initial=-1)) + 1
 
-    @property
-    def starts(self) -> tuple[Int64, Int64, Int64]:
-        """Offsets of truth, estimates and similarities for kernels, which are compiled for writeable arrays."""
-        return np.array(self.truth_start), np.array(self.estimate_start), np.array(self.block_start)
+    def with_similarity(self, values: Float64) -> "Problem":
+        """Return the problem with other similarities (B,) of its pairs."""
+        return replace(self, pairs=replace(self.pairs, values=values))
+
+    def overlaps(self, match: Match) -> "Problem":
+        """Return the problem with similarities of 0 (or less: none) to 1, as HOTA needs them: distances become
+        max(0, 1 - distance / threshold), as TrackEval has it for 3D (`_calculate_euclidean_similarity`).
+        """
+        if not match.is_distance:
+            return self
+        return self.with_similarity(np.maximum(0.0, 1 + self.pairs.values / match.threshold))
 
 
 def is_valid(objects: Objects, likeness: Likeness) -> Bool:

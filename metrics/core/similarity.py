@@ -45,6 +45,12 @@ class Blocks:
         within = np.arange(len(row)) - np.repeat(np.cumsum(of_row) - of_row, of_row)
         return row.astype(np.int64), (first + within).astype(np.int64)
 
+    def locate(self, place: Int64) -> tuple[Int64, Int64]:
+        """Return row and column (K,) of the values at these places (K,)."""
+        step = np.searchsorted(self.start, place, side="right") - 1
+        row, column = np.divmod(place - self.start[step], np.diff(self.column_start)[step])
+        return self.row_start[step] + row, self.column_start[step] + column
+
     def select(self, rows: Bool, columns: Bool) -> "Blocks":
         """Return the pairs of the marked rows (N,) and columns (M,), numbered from 0 on."""
         if rows.all() and columns.all():
@@ -104,12 +110,12 @@ def image_overlaps(truth: Objects, estimates: Objects, num_steps: int, region: B
     Regions hold any number of objects (KITTI's DontCare, COCO's crowds). 0 where the estimate has no area; -inf where
     one of the two isn't finite or has a negative size.
     """
-    from fbench.metrics.core.similarity_kernel import rectangle_blocks  # numba takes a while to import
+    from fbench.replay.geometry.compiled import rectangle_blocks  # numba takes a while to import
 
     starts = _starts(truth, estimates, num_steps)
     a, b = _rectangles(truth), _rectangles(estimates)
     sound_a, sound_b = (are_finite(xyxy) & np.all(xyxy[:, 2:] >= xyxy[:, :2], axis=1) for xyxy in (a, b))
-    return Blocks(*starts, rectangle_blocks(a, b, sound_a, sound_b, *starts, region))
+    return Blocks(*starts, rectangle_blocks(a, b, sound_a, sound_b, *starts[:2], region))
 
 
 def _starts(truth: Objects, estimates: Objects, num_steps: int) -> tuple[Int64, Int64, Int64]:

@@ -1,4 +1,4 @@
-"""Compiled similarity of all pairs of many steps: rectangles, centers, nearest faces."""
+"""Compiled similarity of all pairs of many steps: centers, nearest faces."""
 
 import math
 
@@ -6,34 +6,6 @@ import numpy as np
 
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
-
-
-@kernel
-def rectangle_blocks(
-    a: Float64, b: Float64, sound_a: Bool, sound_b: Bool, start_a: Int64, start_b: Int64, block_start: Int64,
-    region: Bool,
-) -> Float64:  # fmt: skip
-    """Intersection over union of rectangles (N, 4) and (M, 4): left, top, right, bottom.
-
-    Where `region` (N,): intersection over the area of the second.
-    """
-    result = np.empty(block_start[-1])
-    for s in range(len(block_start) - 1):
-        k = block_start[s]
-        for i in range(start_a[s], start_a[s + 1]):
-            area_a = (a[i, 2] - a[i, 0]) * (a[i, 3] - a[i, 1])
-            for j in range(start_b[s], start_b[s + 1]):
-                if sound_a[i] and sound_b[j]:
-                    width = max(min(a[i, 2], b[j, 2]) - max(a[i, 0], b[j, 0]), 0.0)
-                    height = max(min(a[i, 3], b[j, 3]) - max(a[i, 1], b[j, 1]), 0.0)
-                    common = width * height
-                    area_b = (b[j, 2] - b[j, 0]) * (b[j, 3] - b[j, 1])
-                    whole = area_b if region[i] else area_a + area_b - common
-                    result[k] = common / whole if common > 0.0 else 0.0
-                else:
-                    result[k] = -np.inf
-                k += 1
-    return result
 
 
 @kernel

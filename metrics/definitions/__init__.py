@@ -1,1 +1,1 @@
-"""Definitions."""
+"""Definition of each metric: TOML files, read by `catalog`."""

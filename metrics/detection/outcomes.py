@@ -164,25 +164,19 @@ class Judgement:
 def judge_detections(candidates: Candidates) -> Judgement:
     """Match greedily: of the estimates inside the region, then of the others, the best score chooses first."""
     c = candidates
-    return _judge(c, match_greedy(c.similarity, c.match.floor, c.estimates.score, ~c.inside))
+    return judge(c, match_greedy(c.similarity, c.match.floor, c.estimates.score, ~c.inside))
 
 
 def judge_ranked(candidates: Candidates) -> Judgement:
     """Match greedily by score alone, so that what is left at a higher threshold is matched as it would be there."""
     c = candidates
-    return _judge(c, match_greedy(c.similarity, c.match.floor, c.estimates.score))
+    return judge(c, match_greedy(c.similarity, c.match.floor, c.estimates.score))
 
 
-def judge_tracks(candidates: Candidates) -> Judgement:
-    """Match each step for most pairs, then most estimates inside the region, then the best total."""
-    c = candidates
-    return _judge(c, match_best(c.similarity, c.match.floor, ~c.inside), by_score=False)
-
-
-def _judge(candidates: Candidates, partner: Int64, by_score: bool = True) -> Judgement:
-    """An estimate (M,) without truth box as partner (-1) is a false alarm unless it is excused or outside the region.
-
-    `by_score`: the best score is excused first, as it is matched first; else as many as possible are.
+def judge(candidates: Candidates, partner: Int64, by_score: bool = True) -> Judgement:
+    """Judge estimates by the truth box (M,) that each is matched with; without one (-1) it is a false alarm, unless it
+    is excused or outside the region. `by_score`: the best score is excused first, as it is matched first; else as many
+    as possible are.
     """
     c, free = candidates, partner < 0
     outcome = np.where(free, Outcome.FALSE_ALARM, Outcome.HIT).astype(np.int8)

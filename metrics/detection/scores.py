@@ -101,9 +101,7 @@ class Ranking:
         return float(f1[best]), float(self.scores[best])
 
     def average_precision(self) -> float:
-        """Mean over recall 0, 0.01, ... 1 of the highest precision at that recall or above, as COCO has it; estimates
-        of equal score are taken together.
-        """
+        """Mean over recall 0, 0.01 ... 1 of the best precision there or beyond (COCO); equal scores go together."""
         tp, fp = np.cumsum(self.tp), np.cumsum(self.fp)
         precision = np.maximum.accumulate((tp / (tp + fp))[::-1])[::-1]
         at = np.searchsorted(tp / self.num_truth, _RECALLS, side="left")

@@ -1,1 +1,1 @@
-"""Truth and results of other systems, from files."""
+"""Truth and results of other systems, from files: `sequences` opens and pairs them."""

@@ -1,14 +1,15 @@
 """Truth of logs, for results in files."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fbench.metrics.files.nuscenes import Submission
 from fbench.metrics.files.side import Side, nothing
 from fbench.metrics.files.sources import Source
-from fbench.metrics.reference_runs.rows import B, join_sides, objects_of, stack
+from fbench.metrics.reference_runs.rows import join_sides, objects_of
 from fbench.metrics.reference_runs.world import in_world
 from fbench.replay.contracts.errors import LogError, MetricError
 from fbench.replay.contracts.faults import FaultLog
@@ -23,6 +24,9 @@ from fbench.replay.logs.open import LOG_JSON
 from fbench.replay.setup.source import LogRequest, log_source
 
 SUFFIX = ".mcap"
+B = TypeVar("B", Boxes2D, Boxes3D)
+_UNKNOWN = {"f": np.nan, "i": -1, "u": 0, "b": False, "U": ""}
+"""What stands for 'unknown' where a frame lacks what others have."""
 
 
 def is_log(path: Path) -> bool:
@@ -88,22 +92,29 @@ def _at_body(sequence: BoxSequence) -> Side:
     keys = numbers if has_numbers else np.array([frame.stamp_ns for frame in sequence.frames], np.int64)
     order = np.argsort(keys, kind="stable")
     frames = [sequence.frames[at] for at in order.tolist()]
-    flat, flat_frame = _stack([frame.boxes2d for frame in frames], Boxes2D.empty())
-    solid, solid_frame = _stack([frame.boxes3d for frame in frames], Boxes3D.empty())
+    flat, flat_frame = stack([frame.boxes2d for frame in frames], Boxes2D.empty())
+    solid, solid_frame = stack([frame.boxes3d for frame in frames], Boxes3D.empty())
     if len(sequence.cameras_of_boxes) > 1 and len(solid):
         flat, flat_frame = flat[:0], flat_frame[:0]
     rows = join_sides(flat_frame, flat, np.arange(len(flat)), solid_frame, solid)
     objects = objects_of(rows, "kitti-tracking" if is_kitti else None, keys[order][rows.frame])
-    names: Text = np.append(rows.found.flat.camera, "")[rows.found.flat_rows]
+    names: Text = np.append(rows.flat.camera, "")[rows.flat_rows]
     camera = names if len(np.unique(names[names != ""])) > 1 else np.array([], np.str_)
     space = "camera" if is_kitti else "body"
     return Side(objects if len(objects) else nothing(), keys[order], not has_numbers, camera=camera, space=space)
 
 
-def _stack(parts: list[B | None], nothing: B) -> tuple[B, Int64]:
-    """Boxes of all frames, and the number of the frame (N,) of each."""
-    known = [nothing if part is None else part for part in parts]
-    return stack(known, nothing), np.repeat(np.arange(len(known)), [len(part) for part in known])
+def stack(parts: list[B | None], nothing: B) -> tuple[B, Int64]:
+    """Boxes of all frames, and which frame (N,) each is of; what only some frames tell is unknown in the others."""
+    sizes = [0 if part is None else len(part) for part in parts]
+    full, joined = [part for part in parts if part is not None and len(part)], dict[str, Any]()
+    for own in fields(nothing) if full else ():
+        columns = [getattr(part, own.name) for part in full]
+        if known := [column for column in columns if column is not None]:
+            unknown = np.full_like(known[0][:1], _UNKNOWN[known[0].dtype.kind])
+            filled = (unknown.repeat(len(part), axis=0) for part in full)
+            joined[own.name] = np.concatenate([f if c is None else c for f, c in zip(filled, columns, strict=True)])
+    return type(nothing)(**joined) if full else nothing, np.repeat(np.arange(len(parts)), sizes)
 
 
 def _in_world(sequence: BoxSequence) -> Side:
@@ -111,7 +122,7 @@ def _in_world(sequence: BoxSequence) -> Side:
     known = [frame.world_T_body for frame in frames if frame.world_T_body is not None]
     if len(known) < len(frames):
         raise LogError(f"{sequence.where}: doesn't tell where the body was at each keyframe")
-    boxes, frame_of_box = _stack([frame.boxes3d for frame in frames], Boxes3D.empty())
+    boxes, frame_of_box = stack([frame.boxes3d for frame in frames], Boxes3D.empty())
     keys = np.array([frame.stamp_ns for frame in frames], np.int64)
     poses = np.array(known).reshape(-1, 4, 4)
     found = in_world(frame_of_box, boxes, poses, "nuscenes", is_truth=True)

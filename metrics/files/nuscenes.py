@@ -11,7 +11,7 @@ import numpy as np
 from fbench.metrics.files.side import InputWarning, Side, objects_of
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.formats import nuscenes
-from fbench.replay.formats.documents import items, mapping, member, read_json
+from fbench.replay.formats.documents import items, mapping
 from fbench.replay.formats.nuscenes import UNKNOWN_EGO, Sample
 
 
@@ -74,10 +74,7 @@ def open_submission(path: Path, like: Submission | None = None) -> Submission:
     truth that it belongs to. Raises LogError where it isn't one, nobody knows a token, or some samples have a scene and
     others none.
     """
-    content = read_json(path)
-    results = member(content, "results", str(path))
-    if not results:
-        raise LogError(f"{path}: no results; expected an object with 'results' by sample token")
+    results, has_meta = nuscenes.read_submission(path)
     companion = nuscenes.find_companion(path)
     has_stamps = are_ordered = True
     if companion is not None:
@@ -99,7 +96,7 @@ def open_submission(path: Path, like: Submission | None = None) -> Submission:
     lost = [token for token in results if companion is not None and not samples[token].scene]
     if 0 < len(lost) < len(results):
         raise LogError(f"{companion}: sample '{lost[0][:40]}' has no scene, others have one")
-    return Submission(path, results, samples, are_ordered, has_stamps, "meta" in content)
+    return Submission(path, results, samples, are_ordered, has_stamps, has_meta)
 
 
 def _count_oddities(token: str, boxes: Sequence[Mapping[str, Any]]) -> dict[str, int]:

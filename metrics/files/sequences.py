@@ -211,7 +211,7 @@ class FilePair:
             absent = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
             estimates = absent if pair.estimates is None else self.estimates.read(pair.estimates)
             self.warnings.add(*estimates.warnings, find_missing_entries(truth, estimates, pair.truth))
-            where = Where(pair.truth, str(self.truth.path), str(self.estimates.path))
+            where = Where(pair.truth, self.truth.path, self.estimates.path)
             yield join(truth, estimates, pair.num_frames, where, self.faults, space)
 
 

@@ -1,7 +1,8 @@
 """One side, truth or results, of one sequence as its files hold it, and both sides on the same steps."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,13 +64,12 @@ class Side:
         return replace(self, objects=self.objects[rows], camera=self.camera[rows] if len(self.camera) else self.camera)
 
 
-@dataclass(frozen=True)
-class Where:
+class Where(NamedTuple):
     """Names for errors."""
 
     sequence: str
-    truth: str
-    estimates: str
+    truth: Path
+    estimates: Path
 
 
 def objects_of(columns: dict[str, Any]) -> tuple[Objects, Int64]:

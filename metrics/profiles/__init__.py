@@ -1,1 +1,1 @@
-"""Every profile under its name."""
+"""Profiles, one package or module a reference tool; `catalog` finds them, `choose` scores by them."""

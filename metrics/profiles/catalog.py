@@ -18,9 +18,7 @@ def profile_names() -> list[str]:
 
 
 def profile_of(name: str) -> AnyProfile:
-    """Return a profile by its name, or by `FILE.py:CLASS`. Raises ConfigError for an unknown name, with the nearest,
-    or where it stands for something else.
-    """
+    """Return a profile by name or `FILE.py:CLASS`. ConfigError: an unknown name, with the nearest, or no profile."""
     loaded = load("profiles", name)
     try:
         profile = loaded() if inspect.isclass(loaded) else loaded
@@ -37,11 +35,6 @@ def profile_of(name: str) -> AnyProfile:
 def describe_rules(profile: AnyProfile) -> dict[str, str]:
     """Return all that a profile fixes, by dotted names."""
     return {path: text for path, text in _items("", profile) if path not in ("name", "summary")}
-
-
-def explain(profile: AnyProfile) -> str:
-    """Return what its class says of how it counts."""
-    return inspect.getdoc(type(profile)) or ""
 
 
 def _items(path: str, value: object) -> Iterator[tuple[str, str]]:

@@ -93,16 +93,9 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     """Return truth and results of a run as the benchmark's own files would have them: tracks or detections, in images,
     the body or the world, with the benchmark's names of classes.
 
-    All boxes are there, wherever they are: a benchmark has regions of its own.
-
-    Args:
-        run: With truth.
-        profile: A benchmark's; what `default` says of runs is in `own_rows`.
-        match: What the user said of how boxes match: a profile in images matches in space by it, and the other way
-            round.
-
-    Raises:
-        MetricError: where nothing has truth of the kind (GT001), or results aren't of it.
+    All boxes are there, wherever they are: a benchmark has regions of its own. What `default` says of runs is in
+    `own_rows`. By a `match` of the user a profile in images matches in space, and the other way round. Raises
+    MetricError where nothing has truth of the kind (GT001), or results aren't of it.
     """
     facts = profile.facts
     table = run.tracks if facts.judges_tracks else run.detections
@@ -114,9 +107,9 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     if facts.family is None:  # by fbench's names, everywhere
         everywhere = ScoreOptions(range_m=math.inf, in_view=False)
         view = image_view(run, table, everywhere) if space == "2d" else ground_view(run, table, everywhere)
-        if view.reason is not None:
-            code = "GT001" if view.reason == "no truth" else ""
-            raise MetricError(f"{run.folder}: {view.reason}, so there is nothing to score", code)
+        if (reason := view.heading.reason) is not None:
+            code = "GT001" if reason == "no truth" else ""
+            raise MetricError(f"{run.folder}: {reason}, so there is nothing to score", code)
         return view.sequence
     if facts.needs_ego:
         return world_sequence(run, table, facts.family, needs_world=facts.needs_time)
@@ -160,9 +153,7 @@ class Evaluation(Generic[S]):
 
 
 def evaluate(profile: Profile[S], sequences: Iterable[Sequence]) -> Evaluation[S]:
-    """Measure sequences one by one; only one is held at a time. Raises MetricError where there is no sequence, two have
-    one name, or one can't be scored.
-    """
+    """Measure sequences, holding one at a time. MetricError: none, two of one name, or one that can't be scored."""
     statistics: dict[str, S] = {}
     for sequence in sequences:
         if sequence.name in statistics:

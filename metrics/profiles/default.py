@@ -63,9 +63,7 @@ class DefaultProfile:
         return replace(self, match=match)
 
     def measure(self, sequence: Sequence) -> DefaultStatistics:
-        """Return the statistics of one sequence. Raises MetricError where boxes lack what the match compares, or an id
-        is twice in one frame of a class (GT003).
-        """
+        """Return statistics. MetricError: boxes lack what is compared, or an id is twice in a class's frame (GT003)."""
         truth, estimates = _name_classes(sequence.truth), _name_classes(sequence.estimates)
         known, met = replace(sequence, truth=truth, estimates=estimates), find_labels(truth, estimates)
         groups = [VEHICLE] if met & {*VEHICLE.labels, ""} or not met else []

@@ -47,15 +47,13 @@ class MotmetricsProfile(TracksProfile):
             for field in self._fields(own)
         ]
 
-    def clear_rules(self) -> ClearRules:
-        """Return the rules of CLEAR with the floor of the match; costs are 1 - IoU, or distances."""
-        return replace(self.rules, floor=self.match.floor, offset=0.0 if self.match.is_distance else -1.0)
-
     def count(self, problem: Problem) -> ClassCounts:
-        """Count one class. Similarities are rounded as 1 - IoU, which is compared there, rounds them."""
-        own = problem if self.match.is_distance else replace(problem, similarity=1.0 - (1.0 - problem.similarity))
-        clear, identity = clear_counts(own, self.clear_rules()), identity_counts(own, self.match.floor)
-        return ClassCounts(clear, identity, num_result_tracks=problem.num_estimate_ids)
+        """Count one class; costs are distances, or 1 - IoU, whose rounding similarities get."""
+        floor, offset = self.match.floor, 0.0
+        if not self.match.is_distance:
+            problem, offset = problem.with_similarity(1.0 - (1.0 - problem.pairs.values)), -1.0
+        clear = clear_counts(problem, replace(self.rules, floor=floor, offset=offset))
+        return ClassCounts(clear, identity_counts(problem, floor), num_result_tracks=problem.num_estimate_ids)
 
     def _fields(self, counts: ClassCounts) -> list[Field]:
         """`motp` is the mean distance of matches: 1 - IoU, or [m]."""

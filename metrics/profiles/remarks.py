@@ -1,11 +1,11 @@
 """Remarks on results under a profile, and the rows that are printed."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.metrics.core.exact import Counts
 from fbench.metrics.profiles.catalog import AnyProfile
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Headlines
@@ -15,27 +15,8 @@ from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence
 
 _OWN = "default"
+_TRUTH, _RESULTS = "truth boxes", "results"
 _NAMED = 5
-
-
-@dataclass(frozen=True)
-class Side(Counts):
-    """Boxes of one side, of classes that count."""
-
-    num: int = 0
-    num_ids: int = 0  # That have one
-
-
-@dataclass(frozen=True)
-class Tally(Counts):
-    """What was met in sequences."""
-
-    truth: Side = Side()  # Without what is to be ignored
-    results: Side = Side()
-    truth_labels: Mapping[str, int] = field(default_factory=dict)
-    labels: Mapping[str, int] = field(default_factory=dict)  # Of all results
-    scores: Mapping[str, tuple[Float64, ...]] = field(default_factory=dict)
-    """Of results that count, by label: where ties can decide."""
 
 
 @dataclass
@@ -45,35 +26,47 @@ class Remarks:
     profile: AnyProfile
     what: str  # The results' name
     truth: str = "truth"
-    tally: Tally = field(default_factory=Tally)
+    num: Counter[str] = field(default_factory=Counter)
+    """Results, and truth boxes that aren't to be ignored, of classes that count."""
+    num_ids: Counter[str] = field(default_factory=Counter)  # Of these, those that have an id
+    truth_labels: Counter[str] = field(default_factory=Counter)  # Without what is to be ignored
+    labels: Counter[str] = field(default_factory=Counter)  # Of all results
+    scores: dict[str, list[Float64]] = field(default_factory=dict)
+    """Of results that count, by label: where ties can decide."""
 
     def watch(self, sequences: Iterable[Sequence]) -> Iterator[Sequence]:
         """Yield the sequences as they are."""
         for sequence in sequences:
-            self.tally += tally_of(sequence, self.profile)
+            truth, results, labels = sequence.truth, sequence.estimates, sorted(self.profile.result_labels)
+            asked = np.ones(len(truth), bool) if truth.ignore is None else ~truth.ignore
+            counts = np.isin(results.label, labels) if labels else np.ones(len(results), bool)
+            for what, objects, rows in ((_TRUTH, truth, asked), (_RESULTS, results, counts)):
+                self.num[what] += int(rows.sum())
+                self.num_ids[what] += int((objects.track_id[rows] >= 0).sum())
+            self.truth_labels.update(truth.label[asked].tolist())
+            self.labels.update(results.label.tolist())
+            for name in np.unique(results.label).tolist() if self.profile.facts.ranks_by_file else ():
+                self.scores.setdefault(name, []).append(results.score[counts & (results.label == name)])
             yield sequence
 
     def require_tracks(self) -> None:
-        """Refuse boxes without ids where tracks are judged, which tools would count as nothing at all. Raises
-        MetricError where no truth box, or no result, has an id.
-        """
+        """Refuse tracks without any id, which tools would count as nothing. MetricError: truth or results have none."""
         if not self.profile.facts.judges_tracks or self.profile.name == _OWN:
             return
-        truth, results = (self.truth, "truth boxes", self.tally.truth), (self.what, "results", self.tally.results)
-        for where, what, side in (truth, results):
-            if side.num and not side.num_ids:
-                none = f"none of the {side.num} {what} has a track id"
+        for where, what in ((self.truth, _TRUTH), (self.what, _RESULTS)):
+            if self.num[what] and not self.num_ids[what]:
+                none = f"none of the {self.num[what]} {what} has a track id"
                 raise MetricError(f"{where}: {none}; {self.profile.name} needs them")
 
     def lines(self) -> list[str]:
         """Return what there is to say, a line a matter."""
-        tally, found = self.tally, list(_about_classes(self.tally, self.profile))
+        found = list(self._about_classes())
         what = "count as tracks of their own" if self.profile.name == _OWN else "are left out"
-        for name, side in (("results", tally.results), ("truth boxes", tally.truth)):
-            if self.profile.facts.judges_tracks and 0 < side.num_ids < side.num:
-                found.append(f"{side.num - side.num_ids} of {side.num} {name} have no id and {what}")
+        asked = (_RESULTS, _TRUTH) if self.profile.facts.judges_tracks else ()
+        alone = {name: self.num[name] - self.num_ids[name] for name in asked if self.num_ids[name]}
+        found += [f"{num} of {self.num[name]} {name} have no id and {what}" for name, num in alone.items() if num]
         num = 0
-        for parts in tally.scores.values():
+        for parts in self.scores.values():
             scores = np.concatenate(parts)
             times = np.unique(scores[np.isfinite(scores)], return_counts=True)[1]
             num += int(times[times > 1].sum())
@@ -82,44 +75,25 @@ class Remarks:
             found.append(f"{num} results share their score with another of their class: {ranks}")
         return [f"{self.what}: {line}" for line in found]
 
-
-def tally_of(sequence: Sequence, profile: AnyProfile) -> Tally:
-    """Count what remarks are about."""
-    truth, results, labels = sequence.truth, sequence.estimates, sorted(profile.result_labels)
-    asked = np.ones(len(truth), bool) if truth.ignore is None else ~truth.ignore
-    counts = np.isin(results.label, labels) if labels else np.ones(len(results), bool)
-    true, own = (
-        Side(int(rows.sum()), int((objects.track_id[rows] >= 0).sum()))
-        for objects, rows in ((truth, asked), (results, counts))
-    )
-    met_truth, met = (
-        dict(zip(*(column.tolist() for column in np.unique(label, return_counts=True)), strict=True))
-        for label in (truth.label[asked], results.label)
-    )
-    ranked = met if profile.facts.ranks_by_file else ()
-    scores = {name: (results.score[counts & (results.label == name)],) for name in ranked}
-    return Tally(true, own, met_truth, met, scores)
-
-
-def _about_classes(tally: Tally, profile: AnyProfile) -> Iterator[str]:
-    known, labels = profile.result_labels, tally.labels
-    if profile.name == _OWN:
-        strange = {name: num for name, num in labels.items() if name and not is_known(name)}
-        which = "fbench doesn't know, which count as other"
-    elif profile.name == "coco" and not known:
-        strange = {name: num for name, num in labels.items() if name not in tally.truth_labels}
-        which = "the truth lacks, which have no AP"
-    else:
-        strange = {name: num for name, num in labels.items() if known and name not in known}
-        which = f"{profile.name} doesn't score"
-        if set(labels) == {""} and strange:
-            yield f"the results have no classes, so none of them is of a class of {profile.name}"
-            return
-    if strange:
-        num, names = sum(strange.values()), sorted(strange, key=lambda name: (-strange[name], name))
-        shown = ", ".join(f"{name or 'without a class'} ({strange[name]})" for name in names[:_NAMED])
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        yield f"{num} {'result is' if num == 1 else 'results are'} of classes that {which}: {shown}{more}"
+    def _about_classes(self) -> Iterator[str]:
+        profile, known, labels = self.profile, self.profile.result_labels, self.labels
+        if profile.name == _OWN:
+            strange = {name: num for name, num in labels.items() if name and not is_known(name)}
+            which = "fbench doesn't know, which count as other"
+        elif profile.name == "coco" and not known:
+            strange = {name: num for name, num in labels.items() if name not in self.truth_labels}
+            which = "the truth lacks, which have no AP"
+        else:
+            strange = {name: num for name, num in labels.items() if known and name not in known}
+            which = f"{profile.name} doesn't score"
+            if set(labels) == {""} and strange:
+                yield f"the results have no classes, so none of them is of a class of {profile.name}"
+                return
+        if strange:
+            num, names = sum(strange.values()), sorted(strange, key=lambda name: (-strange[name], name))
+            shown = ", ".join(f"{name or 'without a class'} ({strange[name]})" for name in names[:_NAMED])
+            more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+            yield f"{num} {'result is' if num == 1 else 'results are'} of classes that {which}: {shown}{more}"
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from fbench.metrics.files.side import find_unreal
-from fbench.metrics.reference_runs.rows import Rows, join_sides, objects_of
+from fbench.metrics.reference_runs.rows import join_sides, objects_of
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Family
@@ -14,13 +15,11 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.sequences import Objects, Sequence, Space
-from fbench.replay.formats.sequence import body_T_level
+from fbench.replay.formats.sequence import KITTI_CAMERA, ImageRows, body_T_level
 from fbench.replay.geometry.camera import not_projectable, project_boxes
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
-
-_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +29,7 @@ class View:
     labeled: Labelled
     space: Space
     cameras: tuple[str, ...]
-    """In images each is a stream of its own; in space at most one: rules about heights and regions are about one
-    image."""
+    """In images each is a stream; in space at most one: rules about heights and regions are about one image."""
     is_recorded: bool  # Whether truth has rectangles of its own
 
 
@@ -47,7 +45,7 @@ def view_of(run: Run, boxes: Boxes, space: Space) -> View:
         raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
     labeled, known = Labelled.of(run, wanted), run.manifest.rig.cameras
     # KITTI's own camera, where the log is KITTI's.
-    kept = _KITTI_CAMERA if run.manifest.log.metadata.get(CAMERA0) is not None else ""
+    kept = KITTI_CAMERA if run.manifest.log.metadata.get(CAMERA0) is not None else ""
     cameras, bent = labeled.cameras(boxes, kept), ""
     if isinstance(boxes, Boxes3D) or not is_recorded:  # cameras whose lens isn't modeled, or that the rig doesn't know
         unknown = (name for name in cameras if name not in known or not_projectable(known[name]) is not None)
@@ -72,7 +70,7 @@ def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> S
     view = view_of(run, table.boxes, space)
     frame, boxes, nothing = *view.labeled.rows(table), np.zeros(0, np.int64)
 
-    def results(camera: str) -> Rows:
+    def results(camera: str) -> ImageRows:
         if isinstance(boxes, Boxes2D):
             return join_sides(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
         return join_sides(nothing, Boxes2D.empty(), nothing, frame, boxes)
@@ -89,56 +87,50 @@ def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> S
     )
 
 
-def _objects(view: View, family: Family, rows_in: Callable[[str], Rows]) -> Objects:
+def _objects(view: View, family: Family, rows_in: Callable[[str], ImageRows]) -> Objects:
     """All cameras' rows: one step a frame, or one for each camera of it."""
     cameras = view.cameras or ("",)
     parts = [_place(view, camera, rows_in(camera)) for camera in cameras]
     alpha = np.concatenate([_alphas(view, camera, part) for camera, part in zip(cameras, parts, strict=True)])
     step = np.concatenate([part.frame * len(cameras) + i for i, part in enumerate(parts)])
     order = np.argsort(step, kind="stable")
-    xyxy, flat_rows, solid_rows = (
-        np.concatenate([getattr(part.found, name) for part in parts]) for name in ("xyxy_px", "flat_rows", "solid_rows")
-    )
-    found = replace(parts[0].found, xyxy_px=xyxy, flat_rows=flat_rows, solid_rows=solid_rows)
-    rows = Rows(np.concatenate([part.frame for part in parts]), found)
-    return objects_of(rows[order], family, step[order], alpha[order])
+    names = ("frame", "xyxy_px", "flat_rows", "solid_rows")
+    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return objects_of(replace(parts[0], **columns)[order], family, step[order], alpha[order])
 
 
-def _truth(view: View, camera: str) -> Rows:
+def _truth(view: View, camera: str) -> ImageRows:
     frame2d, flat = view.labeled.rows(view.labeled.run.truth_table("2d"))
     frame3d, solid = view.labeled.rows(view.labeled.run.truth_table("3d"))
     flat = flat if isinstance(flat, Boxes2D) else Boxes2D.empty()
     solid = solid if isinstance(solid, Boxes3D) else Boxes3D.empty()
     rows = join_sides(frame2d, flat, np.flatnonzero(flat.camera == camera), frame3d, solid)
     if view.space == "2d":
-        return rows[rows.found.flat_rows >= 0] if view.is_recorded else rows
-    return rows[(rows.found.solid_rows >= 0) | rows.ignored] if view.space == "3d" else rows
+        return rows[rows.flat_rows >= 0] if view.is_recorded else rows
+    return rows[(rows.solid_rows >= 0) | rows.column("ignore", False)] if view.space == "3d" else rows
 
 
-def _place(view: View, camera: str, rows: Rows) -> Rows:
+def _place(view: View, camera: str, rows: ImageRows) -> ImageRows:
     """Project what has no rectangle, and leave out what the camera doesn't see; what isn't finite stays once."""
-    alone = np.flatnonzero(rows.found.flat_rows < 0)
+    alone = np.flatnonzero(rows.flat_rows < 0)
     if not camera or not len(alone):
         return rows
-    solid = rows.found.solid[rows.found.solid_rows[alone]]
+    solid = rows.solid[rows.solid_rows[alone]]
     sane = finite(solid)[0]
     outline, kept = np.full((len(solid), 4), np.nan), ~sane & (camera == view.cameras[0])
     for rig, own in view.labeled.rigs(rows.frame[alone]):
         good = np.flatnonzero(own & sane)
         outline[good], kept[good] = project_boxes(rig, camera, solid[good])
-    xyxy, seen = np.array(rows.found.xyxy_px), np.ones(len(rows), bool)
+    xyxy, seen = np.array(rows.xyxy_px), np.ones(len(rows), bool)
     xyxy[alone], seen[alone] = outline, kept
-    return Rows(rows.frame, replace(rows.found, xyxy_px=xyxy))[seen]
+    return replace(rows, xyxy_px=xyxy)[seen]
 
 
-def _alphas(view: View, camera: str, rows: Rows) -> Float64:
+def _alphas(view: View, camera: str, rows: ImageRows) -> Float64:
     """Angles (N,) at which the camera sees the solids, as KITTI has them; NaN where there is none."""
     angles = np.full(len(rows), np.nan)
-    has = np.flatnonzero(rows.found.solid_rows >= 0)
-    solid, owner = (
-        rows.found.solid[rows.found.solid_rows[has]],
-        view.labeled.run.manifest.log.metadata.get(CAMERA0, camera),
-    )
+    has = np.flatnonzero(rows.solid_rows >= 0)
+    solid, owner = rows.solid[rows.solid_rows[has]], view.labeled.run.manifest.log.metadata.get(CAMERA0, camera)
     for rig, own in view.labeled.rigs(rows.frame[has]):
         body_T = body_T_level(owner, rig) if owner else None
         center, yaw = solid[own].center_m, solid[own].yaw_rad

@@ -1,9 +1,6 @@
 """Objects with a rectangle, a solid or both, from the boxes of frames, by the tables by which boxes are exported."""
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +9,7 @@ from fbench.replay.data.arrays import Bool, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.sequences import Objects
 from fbench.replay.formats.export_request import TABLES
+from fbench.replay.formats.kitti import ALPHA, UNKNOWN_ALPHA
 from fbench.replay.formats.sequence import ImageRows, pair_boxes
 
 RACK = "static_object.bicycle_rack"  # nuScenes' truth tells where bicycles stand that don't count
@@ -41,50 +39,7 @@ def names_of(family: Family | None, source_labels: Text, labels: Text, ignored: 
     return text_array([known[triple] for triple in triples])
 
 
-B = TypeVar("B", Boxes2D, Boxes3D)
-_UNKNOWN = {"f": np.nan, "i": -1, "u": 0, "b": False, "U": ""}
-"""What stands for 'unknown' where a frame lacks what others have."""
-
-
-def stack(parts: Sequence[B], nothing: B) -> B:
-    """Join boxes one after the other; what only some tell is unknown in the others."""
-    full = [part for part in parts if len(part)]
-    if not full:
-        return nothing
-    joined: dict[str, Any] = {}
-    for own in fields(full[0]):
-        columns = [getattr(part, own.name) for part in full]
-        if known := [column for column in columns if column is not None]:
-            unknown = np.full_like(known[0][:1], _UNKNOWN[known[0].dtype.kind])
-            filled = (unknown.repeat(len(part), axis=0) for part in full)
-            joined[own.name] = np.concatenate([f if c is None else c for f, c in zip(filled, columns, strict=True)])
-    return type(nothing)(**joined)
-
-
-_ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")  # Attribute of 2D truth from KITTI's labels
-_UNKNOWN_ALPHA = -10.0
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """N objects of several frames."""
-
-    frame: Int64  # (N,) ascending
-    found: ImageRows  # A rectangle is NaN where there is none
-
-    def __len__(self) -> int:
-        return len(self.frame)
-
-    def __getitem__(self, rows: Bool | Int64) -> "Rows":
-        return Rows(self.frame[rows], self.found[rows])
-
-    @property
-    def ignored(self) -> Bool:
-        """(N,)"""
-        return np.asarray(self.found.column("ignore", False), bool)
-
-
-def join_sides(flat_frame: Int64, flat: Boxes2D, chosen: Int64, solid_frame: Int64, solid: Boxes3D) -> Rows:
+def join_sides(flat_frame: Int64, flat: Boxes2D, chosen: Int64, solid_frame: Int64, solid: Boxes3D) -> ImageRows:
     """Return the objects of N 2D boxes, of which those `chosen` are in one camera's image, and of M 3D boxes, by their
     frames (N,) and (M,): in each frame those with a 2D box in their order, then the others.
     """
@@ -93,17 +48,17 @@ def join_sides(flat_frame: Int64, flat: Boxes2D, chosen: Int64, solid_frame: Int
     frame = np.concatenate([flat_frame[chosen], solid_frame[alone]])
     xyxy = np.concatenate([flat.xyxy_px[chosen], np.full((len(alone), 4), np.nan)])
     flat_rows = np.concatenate([chosen, np.full(len(alone), -1)])
-    rows = Rows(frame, ImageRows(xyxy, flat, flat_rows, solid, np.concatenate([mates, alone])))
+    rows = ImageRows(frame, xyxy, flat, flat_rows, solid, np.concatenate([mates, alone]))
     return rows[np.argsort(frame, kind="stable")] if (np.diff(frame) < 0).any() else rows
 
 
-def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float64 | None = None) -> Objects:
+def objects_of(found: ImageRows, family: Family | None, step: Int64, alpha_rad: Float64 | None = None) -> Objects:
     """Return N rows, sorted by step (N,), as objects with the benchmark's names; solids are where the 3D boxes are.
 
     `family` is that of the benchmark; `None`: of none. `alpha_rad` (N,) are angles of observation that follow from the
     boxes; those that the source tells go first.
     """
-    found, ignored, num = rows.found, rows.ignored, len(rows)
+    ignored, num = np.asarray(found.column("ignore", False), bool), len(found)
     ids = np.array(found.column("track_id", -1), np.int64)
     if family == "mot":  # its regions have ids, too, which no other box has
         nameless = np.flatnonzero(ignored & (ids < 0))
@@ -116,8 +71,8 @@ def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float6
 
     alpha = np.full(num, np.nan) if alpha_rad is None else alpha_rad.copy()
     for row, text in enumerate(found.column("attribute", "").tolist()):
-        if given := _ALPHA.fullmatch(text):
-            alpha[row] = np.nan if float(given[1]) == _UNKNOWN_ALPHA else float(given[1])
+        if given := ALPHA.fullmatch(text):
+            alpha[row] = np.nan if float(given[1]) == UNKNOWN_ALPHA else float(given[1])
 
     names = ("occlusion", "truncation", "visibility")
     levels: dict[str, Any] = {name: _if_known(np.asarray(found.column(name, np.nan), np.float64)) for name in names}

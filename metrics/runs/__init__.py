@@ -1,1 +1,1 @@
-"""Runs as sequences that can be scored."""
+"""Scores of run folders: `detection` and `tracking` are the metrics, `combine` adds runs, `spaces` selects boxes."""

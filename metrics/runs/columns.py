@@ -83,19 +83,8 @@ class View:
     """One run in the ground plane or in its images."""
 
     match: Match
-    matching: str  # How boxes match and which of them count
     sequence: Sequence
-    num_frames: int  # Of the run
-    reason: str | None  # Why there is nothing to score
-
-    @property
-    def num_scored(self) -> int:
-        """Frames that have truth; none where there is nothing to score."""
-        return 0 if self.reason else self.num_frames - self.sequence.num_unlabeled
-
-    def heading(self, class_: str, part: str = "all") -> Heading:
-        """Return what rows of one class have in common."""
-        return Heading(class_, part, self.matching, self.reason, self.num_scored)
+    heading: Heading  # Of rows about all vehicles
 
 
 @dataclass(frozen=True, eq=False)

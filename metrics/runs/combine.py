@@ -14,9 +14,11 @@ from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.tracking.scores import TrackingCounts
 from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.profiles import Match, Statistics
-from fbench.replay.contracts.protocols import Metric
+from fbench.replay.contracts.protocols import AddsCounts, Metric
 from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.formats.text import is_number
 from fbench.replay.runs.folder import Run
 
 _ORDER = (
@@ -102,32 +104,28 @@ class RunStatistics:
     pipeline: str
     tags: Mapping[str, str]  # `log`, and the words of its metadata: scenario, condition ...
     table: RunTable
+    others: Sequence[tuple[Metric, Sequence[Score]]] = ()  # Rows of metrics that aren't fbench's own
 
 
-def measure_run(run: Run, options: ScoreOptions, match: Match | None = None) -> RunStatistics:
-    """Measure one run with truth; keeps nothing of it but counts. A `match` stands instead of that of the options, see
-    `views`. Raises MetricError where an id occurs twice in one frame. Raises ConfigError where the options ask for
-    regions that the log hasn't.
+def measure_run(
+    run: Run, options: ScoreOptions, match: Match | None = None, metrics: Sequence[Metric] = ()
+) -> RunStatistics:
+    """Measure one run with truth; keeps nothing of it but counts, and the rows of those `metrics` that aren't fbench's
+    own. A `match` stands instead of that of the options, see `views`. Raises MetricError where an id occurs twice in
+    one frame. Raises ConfigError where the options ask for regions that the log hasn't.
     """
     manifest, shared = run.manifest, SharedRun(run.folder)
     found = detection.detection_entries(shared, options, match)
     tracked = tracking.tracking_entries(shared, options, match)
     native, words = found[0].heading, manifest.log.metadata
     # No numbers, and no texts as long as that of regions.
-    tags = {key: value for key, value in words.items() if 0 < len(value) <= _LONGEST_WORD and not _is_number(value)}
+    tags = {key: value for key, value in words.items() if 0 < len(value) <= _LONGEST_WORD and not is_number(value)}
     return RunStatistics(
         (manifest.log.name, manifest.log.log_id, manifest.digest), manifest.pipeline,
         {"log": manifest.log.name, **tags},
         RunTable(found, tracked, native.matching, native.num_frames, len(shared.frames)),
+        [(m, m.scores(shared, options)) for m in metrics if not isinstance(m, detection.Detection | tracking.Tracking)],
     )  # fmt: skip
-
-
-def _is_number(value: str) -> bool:
-    try:
-        float(value)
-    except ValueError:
-        return False
-    return True
 
 
 def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> list[Score]:
@@ -162,10 +160,34 @@ def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) ->
         rows = reduce(add, (run.table for run in known)).rows()
     else:
         rows = resample({"\n".join(run.key): run.table for run in known}, how, "logs", (*RATES, *OF_TRACKS))
+    rows = _sort_rows([*rows, *_add_others(known)])
     for part, members in _parts(known):
         own = reduce(add, (run.table for run in members)).as_part(part)
         rows += [row for row in own.rows() if row.slice != "all"]
+        rows += [replace(row, slice=part) for row in _add_others(members) if row.slice == "all"]
     return rows
+
+
+def _add_others(runs: Sequence[RunStatistics]) -> list[Score]:
+    """The rows of other metrics: as they are where one run has them, else with their counts added."""
+    found: dict[tuple[type[Metric], tuple[str, str, str, str]], list[tuple[Metric, Score]]] = {}
+    for metric, row in ((metric, row) for run in runs for metric, own in run.others for row in own):
+        found.setdefault((type(metric), row.key), []).append((metric, row))
+    total = []
+    for (kind, key), own in found.items():
+        (metric, first), *_ = own
+        if len(own) == 1:
+            total.append(first)
+            continue
+        names = dict.fromkeys(name for _, row in own for name in row.counts)
+        counts = {name: sum(row.counts.get(name, 0) for _, row in own) for name in names}
+        value, reason = None, f"{kind.__name__} doesn't say what counts of several runs give (value_of)"
+        if isinstance(metric, AddsCounts):
+            with guard(f"metric '{kind.__name__}' can't add runs"):
+                value = metric.value_of(first.metric, counts)
+            reason = next((row.reason for _, row in own if row.reason is not None), "undefined")
+        total.append(Score(*key, value, reason if value is None else None, first.unit, counts))
+    return total
 
 
 def _matchings(run: RunStatistics) -> list[str]:
@@ -175,9 +197,7 @@ def _matchings(run: RunStatistics) -> list[str]:
 
 
 def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatistics]]]:
-    """Each value of each tag by which runs differ; of others than log, scenario and condition only what several runs
-    have in common.
-    """
+    """Each value of each tag by which runs differ; but for log, scenario, condition only what several share."""
     others = sorted({key for run in runs for key in run.tags} - set(_ALWAYS))
     for tag in (*_ALWAYS, *others):
         values = Counter(run.tags.get(tag) for run in runs)

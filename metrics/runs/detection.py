@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from collections.abc import Sequence as Sequence_of_abc
+from dataclasses import replace
 
 from fbench.metrics.core import slices
 from fbench.metrics.core.slices import VEHICLE, VISIBILITY_SLICES, Entry, Part
@@ -37,12 +38,10 @@ class Detection:
 def detection_entries(
     run: Run, options: ScoreOptions, match: Match | None = None
 ) -> tuple[Entry[DetectionCounts], ...]:
-    """Measure the detections of a run: all vehicles in each space, then labels and slices in its own space, or in that
-    of `match`, see `views`.
-    """
+    """Measure all vehicles in each space, then labels and slices in the run's own, or by `match`, see `views`."""
     spaces = views(run, run.detections, options, match)
     entries, native = measure_classes(spaces, run.detections, scores.detection_counts, DetectionCounts()), spaces[0]
-    if native.reason:
+    if native.heading.reason:
         return entries
     sequence = native.sequence
     whole = compare_class(sequence, VEHICLE, native.match)
@@ -50,7 +49,7 @@ def detection_entries(
     parts += [*slices.by_range(sequence, options.range_m), *slices.by_visibility(sequence)]
     parts += [*slices.by_source(sequence), *_by_region(run, sequence)]
     own = (
-        Entry(native.heading(VEHICLE.name, part.name), DetectionCounts(judge_detections(whole.select(part)).counts))
+        Entry(replace(native.heading, slice=part.name), DetectionCounts(judge_detections(whole.select(part)).counts))
         for part in parts
     )
     return *entries, *own

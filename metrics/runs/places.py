@@ -111,9 +111,7 @@ def regions_of(run: Run) -> tuple[Region, ...]:
 
 
 def ground_points(run: Run, frame: Int64, center_m: Float64) -> Float64:
-    """Return x, y (N, 2) in the world of points (N, 3) in body coordinates [m] at frames (N,) by index; inf where a
-    point isn't finite.
-    """
+    """Return x, y (N, 2) [m] in the world of points (N, 3) on the body at frames (N,) by index; inf: not finite."""
     frames, at = np.unique(frame, return_inverse=True)
     row_of = {record.index: row for row, record in enumerate(run.frames)}
     poses = run.poses[[row_of[index] for index in frames.tolist()]]

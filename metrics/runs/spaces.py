@@ -7,7 +7,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.slices import VEHICLE, Entry, Group, find_labels, label_group
+from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, find_labels, label_group
 from fbench.metrics.runs.columns import Labelled, View, objects_of
 from fbench.metrics.runs.places import find_seen, on_ground, once
 from fbench.replay.contracts.errors import MetricError
@@ -52,7 +52,8 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     view = ", in view" if options.in_view and _cameras_with_model(run.manifest.rig) else ""
     matching = f"bev {options.distance_m:g} m, within {options.range_m:g} m{view}{_limits(options)}"
     reason = None if labeled.frames else "no truth"
-    return View(Match("bev", options.distance_m), matching, sequence, len(run.frames), reason)
+    heading = Heading(VEHICLE.name, "all", matching, reason, len(labeled.frames))
+    return View(Match("bev", options.distance_m), sequence, heading)
 
 
 def _truth(labeled: Labelled, space: Literal["2d", "3d"], options: ScoreOptions, place: Place) -> tuple[Objects, int]:
@@ -116,7 +117,8 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
         truth = estimates = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
         steps, num_invalid = Steps.of_one_stream(0), 0
     sequence = Sequence(run.manifest.log.name, steps, truth, estimates, labeled.num_unlabeled, num_invalid)
-    return View(Match("iou2d", options.iou), matching, sequence, len(run.frames), reason)
+    heading = Heading(VEHICLE.name, "all", matching, reason, 0 if reason else len(labeled.frames))
+    return View(Match("iou2d", options.iou), sequence, heading)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,9 +175,9 @@ def views(run: Run, table: BoxTable, options: ScoreOptions, match: Match | None 
     if match is not None:
         flat = match.likeness == "iou2d"
         view = image_view(run, table, options) if flat else ground_view(run, table, options)
-        _, comma, which = view.matching.partition(",")
+        _, comma, which = view.heading.matching.partition(",")
         how = f"iou {match.threshold:g}" if flat else str(match)
-        return (replace(view, match=match, matching=f"{how}{comma}{which}"),)
+        return (replace(view, match=match, heading=replace(view.heading, matching=f"{how}{comma}{which}")),)
     image = image_view(run, table, options)
     return (ground_view(run, table, options), image) if isinstance(table.boxes, Boxes3D) else (image,)
 
@@ -191,6 +193,9 @@ def measure_classes(
         met = find_labels(spaces[0].sequence.truth, spaces[0].sequence.estimates)
         classes += [(spaces[0], label_group(label)) for label in LABELS if label in met]
     return tuple(
-        Entry(view.heading(group.name), nothing if view.reason else measure(view.sequence, group, view.match))
+        Entry(
+            replace(view.heading, class_=group.name),
+            nothing if view.heading.reason else measure(view.sequence, group, view.match),
+        )
         for view, group in classes
     )

@@ -1,6 +1,7 @@
 """Scores of a run's tracks."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from fbench.metrics.core.slices import VEHICLE, Entry, by_seen
 from fbench.metrics.runs.spaces import measure_classes, views
@@ -28,9 +29,7 @@ class Tracking:
     """
 
     def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
-        """Return rows for all vehicles as one class in each space, then for each label, then of what is seen. Raises
-        MetricError where an id occurs twice in one frame.
-        """
+        """Return rows of all vehicles in each space, of labels, of what is seen. MetricError: id twice in a frame."""
         return [row for entry in tracking_entries(run, options) for row in rows_of(entry)]
 
 
@@ -45,9 +44,9 @@ def tracking_entries(run: Run, options: ScoreOptions, match: Match | None = None
         require_unique_ids(view.sequence, where)
     entries, native = measure_classes(spaces, run.tracks, tracking_counts, TrackingCounts()), spaces[0]
     # Only what holds for whole tracks is a slice: what is seen, but not distances, which change along a track.
-    parts = () if native.reason or options.seen else by_seen(native.sequence)
+    parts = () if native.heading.reason or options.seen else by_seen(native.sequence)
     slices = (
-        Entry(native.heading(VEHICLE.name, part.name), tracking_counts(native.sequence, VEHICLE, native.match, part))
+        Entry(replace(native.heading, slice=part.name), tracking_counts(native.sequence, VEHICLE, native.match, part))
         for part in parts
     )
     return *entries, *slices

@@ -1,1 +1,1 @@
-"""CLEAR MOT, identity and HOTA, and the rules of the benchmarks that use them in images."""
+"""CLEAR MOT (`clear`), identity (`identity`), HOTA (`hota`), survival of occlusions, and their rows (`scores`)."""

@@ -9,7 +9,7 @@ import numpy as np
 from fbench.metrics.core.exact import Counts, exact_sum
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.tracking.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
-from fbench.replay.data.arrays import Int64, freeze_fields
+from fbench.replay.data.arrays import Int64
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,6 @@ class ClearPairs:
     estimate_of: Int64  # (N,)
     truth_of: Int64  # (M,)
     event: Int64  # (N,) bits of `fbench.metrics.tracking.clear_events`; 0 for misses
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, estimate_of=("i8", ("N",)), truth_of=("i8", ("M",)), event=("i8", ("N",)))
 
     def count(self, event: int) -> int:
         """How many matches are an event."""
@@ -87,35 +84,35 @@ def clear_pairs(problem: Problem, rules: ClearRules) -> ClearPairs:
     """Match truth and estimates step by step."""
     from fbench.metrics.tracking.kernels import MEMORY, follow  # numba takes a while to import
 
-    p = problem
-    estimate_of, event = np.full(p.num_truth, -1), np.zeros(p.num_truth, np.int64)
-    if not (p.num_truth and p.num_estimates):
-        return ClearPairs(estimate_of, np.full(p.num_estimates, -1), event)
-    tracks, others = np.full((p.num_truth_ids, MEMORY), -1), np.full((p.num_estimate_ids, MEMORY), -1)
-    follow(
-        p.truth_start, p.estimate_start, p.block_start, p.similarity, p.stream, p.truth_id, p.estimate_id,
-        rules.floor - rules.margin, rules.offset, rules.memory == "last match", rules.settle_first, rules.most_pairs,
-        rules.own_frames, tracks, others, np.full(int(p.stream.max()) + 1, -1), estimate_of, event,
-    )  # fmt: skip
-    truth_of = np.full(p.num_estimates, -1)
-    rows = np.flatnonzero(estimate_of >= 0)
-    truth_of[estimate_of[rows]] = rows
+    p, pairs, (num_truth, num_estimates) = problem, problem.pairs, problem.pairs.shape
+    estimate_of, truth_of = np.full(num_truth, -1), np.full(num_estimates, -1)
+    event = np.zeros(num_truth, np.int64)
+    if num_truth and num_estimates:
+        tracks, others = np.full((p.num_truth_ids, MEMORY), -1), np.full((p.num_estimate_ids, MEMORY), -1)
+        follow(
+            pairs.row_start, pairs.column_start, pairs.start, pairs.values, p.stream, p.truth_id, p.estimate_id,
+            rules.floor - rules.margin, rules.offset, rules.memory == "last match", rules.settle_first,
+            rules.most_pairs, rules.own_frames, tracks, others, np.full(int(p.stream.max()) + 1, -1), estimate_of,
+            event,
+        )  # fmt: skip
+        rows = np.flatnonzero(estimate_of >= 0)
+        truth_of[estimate_of[rows]] = rows
     return ClearPairs(estimate_of, truth_of, event)
 
 
-def clear_counts(problem: Problem, rules: ClearRules, pairs: ClearPairs | None = None) -> ClearCounts:
+def clear_counts(problem: Problem, rules: ClearRules, made: ClearPairs | None = None) -> ClearCounts:
     """Count what `clear_pairs` has matched."""
-    made = clear_pairs(problem, rules) if pairs is None else pairs
-    rows = np.flatnonzero(made.estimate_of >= 0)
-    tp, num_truth, num_estimates = len(rows), problem.num_truth, problem.num_estimates
+    made = made or clear_pairs(problem, rules)
+    rows, pairs = np.flatnonzero(made.estimate_of >= 0), problem.pairs
+    tp, (num_truth, num_estimates) = len(rows), pairs.shape
     is_whole = rules.counts_one_sided or (num_truth > 0 and num_estimates > 0)
     size = np.bincount(problem.truth_id, minlength=problem.num_truth_ids)
     share = np.bincount(problem.truth_id[rows], minlength=len(size)) / size
     is_tracked = share >= rules.tracked_share if rules.tracked_inclusive else share > rules.tracked_share
     tracked, lost = int(is_tracked.sum()), int((share < rules.lost_share).sum())
-    step = np.searchsorted(problem.truth_start, rows, side="right") - 1
-    width = problem.estimate_start[step + 1] - problem.estimate_start[step]
-    i, j = rows - problem.truth_start[step], made.estimate_of[rows] - problem.estimate_start[step]
+    step = np.searchsorted(pairs.row_start, rows, side="right") - 1
+    width = pairs.column_start[step + 1] - pairs.column_start[step]
+    i, j = rows - pairs.row_start[step], made.estimate_of[rows] - pairs.column_start[step]
     return ClearCounts(
         tp=tp,
         fn=num_truth - tp,
@@ -125,9 +122,9 @@ def clear_counts(problem: Problem, rules: ClearRules, pairs: ClearPairs | None =
         mostly_tracked=tracked,
         partly_tracked=len(size) - tracked - lost,
         mostly_lost=lost,
-        num_steps=problem.num_steps if is_whole else 0,
+        num_steps=len(problem.stream) if is_whole else 0,
         transfers=made.count(TRANSFER),
         ascends=made.count(ASCEND),
         migrations=made.count(MIGRATE),
-        similarity=exact_sum(problem.similarity[problem.block_start[step] + i * width + j]),
+        similarity=exact_sum(pairs.values[pairs.start[step] + i * width + j]),
     )

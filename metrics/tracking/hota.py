@@ -34,29 +34,30 @@ def hota_counts(problem: Problem) -> HotaCounts:
     from fbench.metrics.core.assignment_kernel import best_places  # numba takes a while to import
     from fbench.metrics.core.sums_kernel import block_sums
 
-    p = problem
-    if not (p.num_truth and p.num_estimates):
-        return HotaCounts(_NONE, (p.num_truth,) * len(ALPHAS), (p.num_estimates,) * len(ALPHAS))
-    near = near_pairs(p, p.similarity > 0.0)
-    similarity = p.similarity[near.place]
+    p, pairs, (num_truth, num_estimates) = problem, problem.pairs, problem.pairs.shape
+    if not (num_truth and num_estimates):
+        return HotaCounts(_NONE, (num_truth,) * len(ALPHAS), (num_estimates,) * len(ALPHAS))
+    starts, place = (pairs.row_start, pairs.column_start, pairs.start), np.flatnonzero(pairs.values > 0.0)
+    (truth, estimate), similarity = pairs.locate(place), pairs.values[place]
+    track_pair, pair_of = near_pairs(p, place)
     # How much each pair of tracks (P,) fits: a pair of boxes adds its similarity over all of its row and column.
-    of_truth, of_estimate = np.zeros(p.num_truth), np.zeros(p.num_estimates)
-    block_sums(*p.starts, np.maximum(p.similarity, 0.0), of_truth, of_estimate)
-    whole = of_estimate[near.estimate] + of_truth[near.truth] - similarity
+    of_truth, of_estimate = np.zeros(num_truth), np.zeros(num_estimates)
+    block_sums(*starts, np.maximum(pairs.values, 0.0), of_truth, of_estimate)
+    whole = of_estimate[estimate] + of_truth[truth] - similarity
     part = np.divide(similarity, whole, out=np.zeros(len(whole)), where=whole > _TINY)
-    shared = np.bincount(near.track_pair_of, part)
-    own, others = np.divmod(near.track_pair, p.num_estimate_ids)
+    shared = np.bincount(pair_of, part)
+    own, others = np.divmod(track_pair, p.num_estimate_ids)
     truth_size, estimate_size = np.bincount(p.truth_id)[own], np.bincount(p.estimate_id)[others]
     fit = shared / (truth_size + estimate_size - shared)
-    score = np.zeros(len(p.similarity))
-    score[near.place] = fit[near.track_pair_of] * similarity
-    made = best_places(*p.starts, score, 0.0, 0.0)
+    score = np.zeros(len(pairs.values))
+    score[place] = fit[pair_of] * similarity
+    made = best_places(*starts, score, 0.0, 0.0)
     made = made[made >= 0]
-    track_pair, similarity = near.track_pair_of[np.searchsorted(near.place, made)], p.similarity[made]  # (K,) matches
+    matched, similarity = pair_of[np.searchsorted(place, made)], pairs.values[made]  # (K,) matches
     # Those that pass k thresholds pass all below.
     num = len(ALPHAS) + 1
     passed = np.searchsorted(ALPHAS - _TINY, similarity, side="right")
-    used, pair = np.unique(track_pair, return_inverse=True)
+    used, pair = np.unique(matched, return_inverse=True)
     by_pair = np.bincount(pair * num + passed, minlength=len(used) * num).reshape(-1, num)
     matches = np.cumsum(by_pair[:, ::-1], axis=1)[:, -2::-1]  # of each pair of tracks at each threshold
     total = np.cumsum(exact_sums(similarity, passed, num)[::-1], axis=0)[-2::-1]
@@ -65,6 +66,5 @@ def hota_counts(problem: Problem) -> HotaCounts:
     c = matches[pair, alpha].astype(np.float64)
     own, other = truth_size[used][pair], estimate_size[used][pair]
     association = (fractions(exact_sums(c * (c / size), alpha, len(ALPHAS))) for size in (own + other - c, own, other))
-    return HotaCounts(
-        tp, tuple(p.num_truth - n for n in tp), tuple(p.num_estimates - n for n in tp), fractions(total), *association
-    )
+    fn, fp = tuple(num_truth - n for n in tp), tuple(num_estimates - n for n in tp)
+    return HotaCounts(tp, fn, fp, fractions(total), *association)

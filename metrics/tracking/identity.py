@@ -7,29 +7,16 @@ import numpy as np
 from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.similarity import block_starts
-from fbench.replay.data.arrays import Bool, Int64
+from fbench.replay.data.arrays import Int64
 
 
-@dataclass(frozen=True, eq=False)
-class NearPairs:
-    """K pairs of a truth row and an estimate row of the same step, in the order of the problem's similarities."""
-
-    place: Int64  # (K,) in the problem's similarities
-    truth: Int64  # (K,)
-    estimate: Int64  # (K,)
-    track_pair: Int64
-    """(P,) pairs of tracks that are near anywhere, as truth id times (number of estimate ids) plus estimate id."""
-    track_pair_of: Int64  # (K,) which of these each pair belongs to
-
-
-def near_pairs(problem: Problem, is_near: Bool) -> NearPairs:
-    """Return the pairs that are marked in (B,)."""
-    place = np.flatnonzero(is_near)
-    step = np.searchsorted(problem.block_start, place, side="right") - 1
-    row, column = np.divmod(place - problem.block_start[step], np.diff(problem.estimate_start)[step])
-    truth, estimate = problem.truth_start[step] + row, problem.estimate_start[step] + column
+def near_pairs(problem: Problem, place: Int64) -> tuple[Int64, Int64]:
+    """Return the pairs of tracks (P,) that have boxes at these places (K,) of the similarities, as truth id times
+    (number of estimate ids) plus estimate id; and which of them each place belongs to (K,).
+    """
+    truth, estimate = problem.pairs.locate(place)
     keys = problem.truth_id[truth] * problem.num_estimate_ids + problem.estimate_id[estimate]
-    return NearPairs(place, truth, estimate, *np.unique(keys, return_inverse=True))
+    return np.unique(keys, return_inverse=True)
 
 
 @dataclass(frozen=True)
@@ -46,13 +33,12 @@ def identity_counts(problem: Problem, floor: float) -> IdentityCounts:
 
     Two boxes need a similarity of `floor` to count as the same.
     """
-    p = problem
-    if not (p.num_truth and p.num_estimates):
-        return IdentityCounts(0, p.num_truth, p.num_estimates)
-    near = near_pairs(p, p.similarity >= floor)
-    row, column = np.divmod(near.track_pair, p.num_estimate_ids)
-    tp = _best(row, column, np.bincount(near.track_pair_of)) if len(row) else 0
-    return IdentityCounts(tp, p.num_truth - tp, p.num_estimates - tp)
+    num_truth, num_estimates = problem.pairs.shape
+    track_pair, pair_of = near_pairs(problem, np.flatnonzero(problem.pairs.values >= floor))
+    tp = 0
+    if len(track_pair):
+        tp = _best(*np.divmod(track_pair, problem.num_estimate_ids), np.bincount(pair_of))
+    return IdentityCounts(tp, num_truth - tp, num_estimates - tp)
 
 
 def _best(row: Int64, column: Int64, weight: Int64) -> int:

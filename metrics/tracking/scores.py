@@ -5,10 +5,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fbench.metrics.core.exact import Counts
+from fbench.metrics.core.matching import match_best
 from fbench.metrics.core.ordering import find_twice, number_tracks
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.slices import Group, Heading, Part
-from fbench.metrics.detection.outcomes import BoxCounts, Judgement, Outcome, compare_class, judge_tracks
+from fbench.metrics.detection.outcomes import BoxCounts, Judgement, Outcome, compare_class, judge
 from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
 from fbench.metrics.tracking.clear_events import SWITCH
 from fbench.metrics.tracking.hota import HotaCounts, hota_counts
@@ -35,35 +36,26 @@ class TrackingCounts(Counts):
     num_estimate_ids: int = 0  # Estimates with an id
 
 
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """Which truth each track was on, step by step, in one class of one sequence."""
-
-    judgement: Judgement  # Of each step alone: what is left out
-    problem: Problem  # Of the estimates that aren't left out
-    pairs: ClearPairs  # Partners, as rows of the problem
-
-
-def follow_tracks(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> Followed:
-    """Match one class of one sequence, or of a part of it.
-
-    What doesn't count (outside the region, or on truth that needn't be found) is found out first, step by step, and
-    left out, so that all metrics see the same boxes. A box without id is a track of its own. Raises MetricError where
+def follow_tracks(
+    sequence: Sequence, group: Group, match: Match, part: Part | None = None
+) -> tuple[Judgement, Problem, ClearPairs]:
+    """Match one class of one sequence, or of a part of it, step by step: most pairs, then most estimates inside the
+    region, then the best total. What doesn't count (outside the region, or on truth that needn't be found) is found out
+    first, each step alone, and left out, so that all metrics see the same boxes; a box without id is a track of its
+    own. Returns what became of each box, and the problem of those that count with its pairs. Raises MetricError where
     boxes lack what the match compares.
     """
-    candidates = compare_class(sequence, group, match)
-    if part is not None:
-        candidates = candidates.select(part)
-    found = _follow(judge_tracks(candidates))
-    used, outcome = found.judgement.used, found.judgement.outcome
-    partner = np.full(len(used), -1)
-    partner[used] = found.pairs.truth_of
+    c = compare_class(sequence, group, match)
+    c = c if part is None else c.select(part)
+    judgement = judge(c, match_best(c.similarity, match.floor, ~c.inside), by_score=False)
+    problem, pairs, partner = _follow(judgement)
     # Estimates outside of the region that lost their truth to the pair of the step before are no false alarms.
-    left = used & (partner < 0) & ~candidates.inside & ~candidates.invalid
-    if not left.any():
-        return found
-    truth_of = np.where(left, -1, found.judgement.truth_of_estimate)
-    return _follow(Judgement(candidates, truth_of, np.where(left, np.int8(Outcome.OUTSIDE), outcome)))
+    left = judgement.used & (partner < 0) & ~c.inside & ~c.invalid
+    if left.any():
+        judgement = replace(judgement, outcome=np.where(left, np.int8(Outcome.OUTSIDE), judgement.outcome))
+        problem, pairs, partner = _follow(judgement)
+    made = np.where(partner >= 0, Outcome.HIT, np.where(c.invalid, Outcome.INVALID, Outcome.FALSE_ALARM))
+    return Judgement(c, partner, np.where(judgement.used, made, judgement.outcome).astype(np.int8)), problem, pairs
 
 
 def _clear_rules(match: Match) -> ClearRules:
@@ -72,50 +64,38 @@ def _clear_rules(match: Match) -> ClearRules:
     return ClearRules(floor=match.floor, margin=0.0, offset=offset, settle_first=True, most_pairs=True)
 
 
-def _follow(judgement: Judgement) -> Followed:
+def _follow(judgement: Judgement) -> tuple[Problem, ClearPairs, Int64]:
+    """The problem of the estimates that count, its pairs, and the truth box (M,) of each estimate; -1: none."""
     candidates, used = judgement.candidates, judgement.used
-    truth, estimates, steps = candidates.truth, candidates.estimates[used], candidates.sequence.steps
-    pairs = candidates.similarity.select(np.ones(len(truth), bool), used)
+    truth, estimates, stream = candidates.truth, candidates.estimates[used], candidates.sequence.steps.stream
+    similarity = candidates.similarity.select(np.ones(len(truth), bool), used)
     # Those without an id are tracks of their own.
     alone = (np.where(o.track_id < 0, np.arange(len(o)) - len(o), o.track_id) for o in (truth, estimates))
-    truth_id, estimate_id = map(number_tracks, alone, (steps.stream[truth.step], steps.stream[estimates.step]))
-    problem = Problem(
-        pairs.row_start, pairs.column_start, pairs.start, pairs.values, steps.stream, truth_id, estimate_id,
-        estimates.score, candidates.truth_row, candidates.estimate_row[used],
-    )  # fmt: skip
-    return Followed(judgement, problem, clear_pairs(problem, _clear_rules(candidates.match)))
+    truth_id, estimate_id = map(number_tracks, alone, (stream[truth.step], stream[estimates.step]))
+    rows = candidates.truth_row, candidates.estimate_row[used]
+    problem = Problem(similarity, stream, truth_id, estimate_id, *rows)
+    pairs, partner = clear_pairs(problem, _clear_rules(candidates.match)), np.full(len(used), -1)
+    partner[used] = pairs.truth_of
+    return problem, pairs, partner
 
 
 def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> TrackingCounts:
-    """Match and count one class of one sequence, or of a part of it, see `follow_tracks`. Raises MetricError where
-    boxes lack what the match compares.
-    """
-    found = follow_tracks(sequence, group, match, part)
-    problem, pairs, truth = found.problem, found.pairs, found.judgement.candidates.truth
-    track_id = found.judgement.candidates.estimates.track_id[found.judgement.used]
-    switches = _count_switches(problem, pairs, track_id)
-    clear = replace(clear_counts(problem, _clear_rules(match), pairs), switches=switches)
+    """Match and count one class, see `follow_tracks`. MetricError where boxes lack what the match compares."""
+    judgement, problem, pairs = follow_tracks(sequence, group, match, part)
+    truth, track_id = judgement.candidates.truth, judgement.candidates.estimates.track_id[judgement.used]
+    switches = pairs.count(SWITCH)
+    if (track_id < 0).any():  # matches without an id don't count
+        rows = np.flatnonzero(np.append(track_id, -1)[pairs.estimate_of] >= 0)
+        rows = rows[np.argsort(problem.truth_id[rows], kind="stable")]
+        is_same, track = np.diff(problem.truth_id[rows]) == 0, track_id[pairs.estimate_of[rows]]
+        switches = int((is_same & (np.diff(track) != 0)).sum())
     partner_id = np.append(problem.estimate_id, -1)[pairs.estimate_of]
-    # Distances become 1 - d / threshold, as TrackEval has it for 3D (`_calculate_euclidean_similarity`).
-    near = 1.0 + problem.similarity / match.threshold if match.is_distance else problem.similarity
     return TrackingCounts(
-        replace(found.judgement.counts, tp=clear.tp, fp=clear.fp, fn=clear.fn), clear,
-        identity_counts(problem, match.floor), hota_counts(replace(problem, similarity=np.maximum(near, 0.0))),
+        judgement.counts, replace(clear_counts(problem, _clear_rules(match), pairs), switches=switches),
+        identity_counts(problem, match.floor), hota_counts(problem.overlaps(match)),
         survival_counts(problem, partner_id, truth.visibility, sequence.steps),
         int((truth.track_id >= 0).sum()), len(track_id), int((track_id >= 0).sum()),
     )  # fmt: skip
-
-
-def _count_switches(problem: Problem, pairs: ClearPairs, track_id: Int64) -> int:
-    """Matches of a truth track with another id than at its last match; matches without an id don't count."""
-    if (track_id >= 0).all():
-        return pairs.count(SWITCH)
-    rows = np.flatnonzero(pairs.estimate_of >= 0)
-    track = track_id[pairs.estimate_of[rows]]
-    rows, track = rows[track >= 0], track[track >= 0]
-    truth = problem.truth_id[rows]
-    order = np.argsort(truth, kind="stable")
-    return int(((np.diff(truth[order]) == 0) & (np.diff(track[order]) != 0)).sum())
 
 
 def require_unique_ids(sequence: Sequence, where: str = "") -> None:

@@ -36,9 +36,9 @@ def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | N
     `partner_id` (N,) is the id of the estimate that each truth box was matched to, -1: none; `visibility` (N,) the
     visible share; NaN or `None`: seen.
     """
-    seen = np.ones(problem.num_truth, bool) if visibility is None else ~(visibility < HIDDEN_BELOW)
+    seen = np.ones(len(problem.truth_id), bool) if visibility is None else ~(visibility < HIDDEN_BELOW)
     counts = np.zeros((2, len(LENGTHS_S)), np.int64)  # in front those of unknown length
-    step_of, place = np.repeat(np.arange(problem.num_steps), np.diff(problem.truth_start)), steps.places
+    step_of, place = np.repeat(np.arange(len(steps)), np.diff(problem.pairs.row_start)), steps.places
     order = np.argsort(problem.truth_id, kind="stable")
     order = order[problem.truth_id[order] >= 0]
     for track in np.split(order, np.flatnonzero(np.diff(problem.truth_id[order])) + 1):

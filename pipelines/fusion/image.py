@@ -24,7 +24,7 @@ from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import rays
-from fbench.replay.geometry.iou import iou_2d
+from fbench.replay.geometry.iou import common_areas, iou_2d
 from fbench.replay.geometry.transforms import transform
 
 _CONTAINED = 0.7
@@ -223,11 +223,8 @@ def _depth_agreement(seen: ImageObservations) -> Float64:
 
 def _inside_shares(a: Float64, b: Float64) -> Float64:
     """Share of each box of `a` (N, 4) that lies in each of `b` (M, 4): (N, M)."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    common = np.prod(np.clip(high - low, 0.0, None), axis=2)
     area = np.prod(a[:, 2:] - a[:, :2], axis=1)
-    return np.asarray(common / np.maximum(area, 1e-9)[:, None], np.float64)
+    return np.asarray(common_areas(a, b) / np.maximum(area, 1e-9)[:, None], np.float64)
 
 
 def _drop_parts(seen: ImageObservations, groups: list[Int64]) -> list[Int64]:

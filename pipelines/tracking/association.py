@@ -69,13 +69,6 @@ def footprint_iou(a: Float64, b: Float64, solid: bool = False) -> Float64:
     return flat_iou(a, b, *starts, solid=solid).reshape(len(a), len(b))
 
 
-def image_iou(a: Array, b: Array) -> Float64:
-    """Overlap (N, M) of rectangles (N, 4) and (M, 4): left, top, right, bottom."""
-    from fbench.pipelines.tracking.kernels import overlaps  # numba takes a while to import
-
-    return overlaps(np.array(a, np.float64, order="C"), np.array(b, np.float64, order="C"))
-
-
 def giou_2d(a: Array, b: Array) -> Float64:
     """Generalized IoU (N, M) of rectangles (N, 4) and (M, 4): IoU - (hull - union) / hull (Rezatofighi et al.)."""
     low = np.minimum(a[:, None, :2], b[None, :, :2])

@@ -10,7 +10,7 @@ from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.tracks import Columns, Tracker, Tracks, mean_of, newest_share
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.geometry.iou import distance_bev
+from fbench.replay.geometry.iou import distance_bev, iou_2d
 from fbench.replay.geometry.transforms import extrapolate, inverse, transform, wrap_angle
 
 
@@ -179,7 +179,7 @@ class Tracker2D(Tracker[Boxes2D]):
         elif p.association == "giou":
             similarity, least = association.as_similarity(association.giou_2d(boxes, found)), (p.min_giou + 1.0) / 2.0
         else:
-            similarity, least = association.image_iou(boxes, found), p.min_iou
+            similarity, least = iou_2d(boxes, found), p.min_iou
         one, other = tracks.last["camera"], detections["camera"]
         if len({*one.tolist(), *other.tolist()}) > 1:
             similarity[one[:, None] != other[None, :]] = 0.0

@@ -59,15 +59,6 @@ def rain_extinction_per_m(rain_mm_h: float) -> float:
     return float(3.65e-4 * rain_mm_h**0.63)
 
 
-def through_air(light: Array, share: Array, airlight: Array) -> Array:
-    """Return what is seen through air: I' = I t + L (1 - t) (Koschmieder), of the linear light I (..., 3) of surfaces.
-
-    `share` (...) is t, what of it arrives, see `transmission`; `airlight` (3,) is L, that of fog of endless depth.
-    """
-    t = share[..., None]
-    return np.asarray(light * t + airlight * (1 - t))
-
-
 def fog_extinction_per_m(weather: Weather) -> float:
     """Return the extinction [1/m] of fog and haze; never 0, in clear air that of 20 km: 1.5e-4."""
     return koschmieder_per_m(weather.visibility_m)

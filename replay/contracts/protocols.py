@@ -177,6 +177,14 @@ class Metric(Protocol):
         """Return this metric's rows, the primary one first."""
 
 
+@runtime_checkable
+class AddsCounts(Protocol):
+    """A metric of which runs can be scored together: the counts of its rows say all, also added over runs."""
+
+    def value_of(self, metric: str, counts: Mapping[str, int | float]) -> float | None:
+        """Return the value of a row of this name from its counts, added over runs; `None` where it is undefined."""
+
+
 class Report(Protocol):
     """Turns runs and their scores into a file; computes nothing. Made without arguments."""
 

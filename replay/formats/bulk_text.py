@@ -69,11 +69,6 @@ class PlainText:
         return np.array(words, np.str_), np.asarray(coded.indices.to_numpy(zero_copy_only=False), np.int64)
 
 
-def read_plain(path: Path, separator: str, words: int | None = None) -> PlainText | None:
-    """Read a text whose rows have one length; see `read_bytes` and `parse_plain`."""
-    return parse_plain(read_bytes(path), separator, words)
-
-
 def read_bytes(path: Path) -> bytes:
     """Return the content of a file; that of one that is far too large isn't plain. LogError where it can't be read."""
     try:

@@ -1,12 +1,14 @@
-"""JSON, TOML and YAML of others, read as untrusted input."""
+"""JSON, TOML, YAML and XML of others, read as untrusted input."""
 
 import json
 import math
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
+from xml.parsers.expat import XMLParserType
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -106,6 +108,16 @@ def _kind(value: object) -> str:
     if isinstance(value, list):
         return f"a list of {len(value)}"
     return {dict: "an object", str: "a text", bool: "true or false", type(None): "null"}.get(type(value), "a number")
+
+
+def parse_xml(parser: XMLParserType, content: bytes, error_of: Callable[[str], Exception]) -> None:
+    """Give a document to a parser of expat, whose handlers refuse what they don't want. `error_of` makes the error that
+    is raised where it isn't XML.
+    """
+    try:
+        parser.Parse(content.removeprefix(b"\xef\xbb\xbf").lstrip(), True)
+    except expat.ExpatError as error:
+        raise error_of(f"isn't XML ({expat.ErrorString(error.code)} in line {error.lineno})") from error
 
 
 class TomlError(Exception):

@@ -54,8 +54,7 @@ class ClassTable:
     """One benchmark's classes."""
 
     own: Mapping[str, str]
-    """Names by what datasets call a class (`source_label`), where the benchmark tells more classes apart than fbench;
-    empty: has no place in it."""
+    """Names by `source_label`, where the benchmark tells more classes apart than fbench; empty: has no place in it."""
     labels: Mapping[str, str]  # Names by the labels of fbench; without one: has no place
 
     def name(self, source_label: str, label: str) -> str | None:
@@ -80,8 +79,7 @@ MOT_CLASSES = {
     10: ("occluder on the ground", "other"), 11: ("occluder full", "other"), 12: ("reflection", "other"),
     13: ("crowd", "other"),
 }  # fmt: skip
-"""Name and label by the number of MOT16 and later (A. Milan et al., "MOT16: A Benchmark for Multi-Object Tracking",
-table 3)."""
+"""Name, label by number, from MOT16 on (A. Milan et al., "MOT16: A Benchmark for Multi-Object Tracking", table 3)."""
 _MOT = ClassTable(
     {name: name for name, _ in MOT_CLASSES.values()},
     {

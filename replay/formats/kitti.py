@@ -17,7 +17,7 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.messages import Truth
-from fbench.replay.formats.bulk_text import IrregularError, PlainText, parse_plain, read_bytes, read_plain
+from fbench.replay.formats.bulk_text import IrregularError, PlainText, parse_plain, read_bytes
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import (
     Columns,
@@ -55,9 +55,9 @@ _NAMES = (
     "rotation_y", "score",
 )  # fmt: skip
 _NUM_TRACKING, _NUM_OBJECT = 17, 15  # Columns without a score
-_UNKNOWN_ALPHA = -10
+UNKNOWN_ALPHA = -10
 _COLUMNS_CAMERA = "image"
-_ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")
+ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")
 """Attribute of 2D truth: the angle as the label file gave it, which doesn't follow from the box."""
 _ZERO = re.compile(r"(?<!\S)-(?=0\.0*(?!\S))")  # Sign of a number that is rounded to zero
 _UNKNOWN_BOX = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)
@@ -65,8 +65,7 @@ _UNKNOWN_BOX = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)
 _SURE = 1.0  # Score of results that have none
 _MARGIN_RAD = 1e-6  # Labels with six decimals go so far beyond pi
 _IGNORED_TRACKING = " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -10, -1, -1, -1))
-"""Numbers behind the 2D box of an ignored region; the tracking benchmark has them in another order than the object
-benchmark."""
+"""Numbers behind the 2D box of an ignored region, in an order that differs between tracking and object benchmark."""
 _IGNORED_OBJECT = "-1 -1 -1 -1000 -1000 -1000 -10"
 _AB3DMOT_NAMES = (
     "left", "top", "right", "bottom", "score", "height", "width", "length", "x", "y", "z", "rotation_y", "alpha",
@@ -114,14 +113,14 @@ def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | 
         ignore=True if dont_care else None,
         occlusion=None if occluded == -1 else occluded,
         truncation=None if truncated == -1 else truncated,
-        alpha_rad=None if v["alpha"] == _UNKNOWN_ALPHA else v["alpha"],
+        alpha_rad=None if v["alpha"] == UNKNOWN_ALPHA else v["alpha"],
     )
 
 
 def read_tracking_columns(path: Path) -> Columns:
     """Read the file of one sequence; steps are frames, solids as in `parse_object_row`, errors name row and column."""
     try:
-        if (plain := read_plain(path, " ", words=2)) is None:
+        if (plain := parse_plain(read_bytes(path), " ", words=2)) is None:
             return to_columns([], [])
         if plain.width < _NUM_TRACKING:
             raise IrregularError
@@ -191,7 +190,7 @@ def make_columns(
         "xyxy_px": np.where(has_flat[:, None], numbers[:, 3:7], np.nan) if has_flat.any() else None,
         "ignore": dont_care if dont_care.any() else None,
     }
-    unknown_at = (("alpha_rad", alpha, _UNKNOWN_ALPHA), ("truncation", truncated, -1), ("occlusion", occluded, -1))
+    unknown_at = (("alpha_rad", alpha, UNKNOWN_ALPHA), ("truncation", truncated, -1), ("occlusion", occluded, -1))
     for name, values, unknown in unknown_at:
         known = np.where(values == unknown, np.nan, values)
         columns[name] = None if np.isnan(known).all() else known
@@ -274,7 +273,7 @@ def parse_ab3dmot_row(line: Line, camera: str) -> LabeledObject:
 def read_ab3dmot_columns(path: Path) -> Columns:
     """Read detections of one sequence; steps are frames. LogError names row and column of what can't be read."""
     try:
-        plain = read_plain(path, ",")
+        plain = parse_plain(read_bytes(path), ",")
         if plain is None:
             return to_columns([], [])
         if plain.width != AB3DMOT_COLUMNS:
@@ -357,7 +356,7 @@ def _states(
     found = _format_rows(seen[:, None], digits)
     if not is_truth:
         return [f"-1 -1 {alpha}" for alpha in found]
-    given = [_ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
+    given = [ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
     alphas = [own if match is None else match[1] for own, match in zip(found, given, strict=True)]
     form = "{:g}" if is_tracking else "{:.2f}"
     truncated = [form.format(v) if np.isfinite(v) else "-1" for v in rows.column("truncation", np.nan).tolist()]

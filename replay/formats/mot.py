@@ -16,7 +16,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import CameraModel
-from fbench.replay.formats.bulk_text import IrregularError, PlainText, read_plain
+from fbench.replay.formats.bulk_text import IrregularError, PlainText, parse_plain, read_bytes
 from fbench.replay.formats.export_request import MOT_CLASSES, ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import (
     Columns,
@@ -34,8 +34,7 @@ from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
 SHIFT_PX = 1.0
-"""Pixels count from 1 there, from 0 here. Whether 1 is the middle or the edge of the first pixel isn't defined; the
-middle is taken."""
+"""Pixels count from 1 there. Whether that is the middle or edge of the first pixel isn't defined; here the middle."""
 _NUMBERS = {name: number for number, (name, _) in MOT_CLASSES.items()}
 _DISTRACTOR = "distractor"  # Class of what is neither a hit nor a miss
 _SURE = 1.0  # Confidence of results that have no score
@@ -127,7 +126,7 @@ def _class_among_ten(fields: list[str], is_truth: bool | None) -> int:
 def read_mot_columns(path: Path, is_truth: bool) -> Columns:
     """Read the file of one sequence; steps are frames from 0, positions the file's. LogError names row and column."""
     try:
-        plain = read_plain(path, ",")
+        plain = parse_plain(read_bytes(path), ",")
         return to_columns([], []) if plain is None else _columns_at_once(plain, is_truth)
     except IrregularError:
         return _columns_by_row(path, is_truth)

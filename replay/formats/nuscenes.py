@@ -90,14 +90,19 @@ def read_samples(path: Path) -> dict[str, Sample]:
         raise LogError(f"{path}: can't be read ({error.strerror})") from error
 
 
+def read_submission(path: Path) -> tuple[Mapping[str, Any], bool]:
+    """Return results by sample token, and whether there is `meta`. Raises LogError where it isn't a submission."""
+    content = read_json(path)
+    if not (results := member(content, "results", str(path))):
+        raise LogError(f"{path}: no results; expected an object with 'results' by sample token")
+    return results, "meta" in content
+
+
 def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
     """Read a submission. When a token was says the table of samples beside it (see `read_samples`); without one, tokens
     are numbers of frames or stamps [ns]. Raises LogError where it isn't a submission, or nobody knows a token.
     """
-    where = str(source.path)
-    results = member(read_json(source.path), "results", where)
-    if not results:
-        raise LogError(f"{where}: no results; expected an object with 'results' by sample token")
+    where, (results, _) = str(source.path), read_submission(source.path)
     companion = find_companion(source.path)
     samples = {} if companion is None else read_samples(companion)
 

@@ -18,7 +18,7 @@ from fbench.replay.formats.nuscenes import COMPANIONS, open_nuscenes
 from fbench.replay.formats.openlabel import open_openlabel
 from fbench.replay.formats.table import open_table
 from fbench.replay.formats.table_files import SUFFIXES
-from fbench.replay.formats.text import digest_of
+from fbench.replay.formats.text import digest_of, is_number
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.manifest import TruthEntry
@@ -74,22 +74,14 @@ def _recognize_text(path: Path) -> str | None:
     first = next((line for line in head_of(path).splitlines() if line.strip()), "").lstrip("\ufeff")
     fields, split = first.split(), first.split(",")
     if len(split) > 5:
-        if not all(map(_is_number, filter(None, (field.strip() for field in split)))):
+        if not all(map(is_number, filter(None, (field.strip() for field in split)))):
             return None
         return "ab3dmot" if len(split) == AB3DMOT_COLUMNS else "mot"
     if len(fields) in (15, 16):
         return "kitti"
     # Frame, id, class ...; some trackers write more behind the score.
-    is_row = len(fields) >= 17 and _is_number(fields[0]) and not _is_number(fields[2])
+    is_row = len(fields) >= 17 and is_number(fields[0]) and not is_number(fields[2])
     return "kitti-tracking" if is_row else None
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import Kind, Rig
 from fbench.replay.formats.export_request import LeftOut, Namer
 from fbench.replay.geometry.camera import project_boxes, require_projection
+from fbench.replay.logs.coordinate_frames import BODY
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
 """(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
 own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
-BODY = "body"  # The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs
-_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
+KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
 _LIMIT = 2**31  # Tools read ids as int32, or as float64 that don't tell larger ones apart
 
 
@@ -112,9 +112,10 @@ def pair_boxes(
 
 @dataclass(frozen=True, eq=False)
 class ImageRows:
-    """N objects of one frame: each with a 2D box, a 3D box, or both."""
+    """N objects: each with a 2D box, a 3D box, or both."""
 
-    xyxy_px: Float64  # (N, 4) as labeled or found, else around the projected 3D box
+    frame: Int64  # (N,) ascending, where they are of several frames
+    xyxy_px: Float64  # (N, 4) as labeled or found, else around the projected 3D box; NaN where there is none
     flat: Boxes2D
     flat_rows: Int64  # (N,) row in `flat`, -1 where there is none
     solid: Boxes3D
@@ -138,7 +139,8 @@ class ImageRows:
         return namer(self.column("source_label", ""), self.column("label", ""))
 
     def __getitem__(self, rows: Bool | Int64) -> "ImageRows":
-        return ImageRows(self.xyxy_px[rows], self.flat, self.flat_rows[rows], self.solid, self.solid_rows[rows])
+        columns = self.frame[rows], self.xyxy_px[rows]
+        return ImageRows(*columns, self.flat, self.flat_rows[rows], self.solid, self.solid_rows[rows])
 
 
 def choose_camera(sequence: BoxSequence, requested: str) -> str:
@@ -147,7 +149,7 @@ def choose_camera(sequence: BoxSequence, requested: str) -> str:
     known = sorted({*sequence.rig.sensors("camera"), *owners})
     if requested and requested not in known:
         raise ConfigError(f"{sequence.where}: --camera {requested}: isn't in the log{did_you_mean(requested, known)}")
-    preferred = [_KITTI_CAMERA] if CAMERA0 in sequence.metadata and _KITTI_CAMERA in known else []
+    preferred = [KITTI_CAMERA] if CAMERA0 in sequence.metadata and KITTI_CAMERA in known else []
     for names in ([requested] if requested else [], preferred, owners, known):
         if len(names) == 1:
             return names[0]
@@ -165,8 +167,8 @@ def coordinate_frame(sequence: BoxSequence, requested: str, camera: str) -> str:
 
 
 def body_T_level(name: str, rig: Rig) -> Float64 | None:
-    """Matrix (4, 4) from coordinates at a camera, with x forward, y left, z up, to the body; `None`: they are the same.
-    There boxes stand upright, and the camera's own coordinates are these with the axes turned.
+    """Matrix (4, 4) from coordinates at a camera, with x forward, y left, z up, to the body; `None`: they are the same,
+    as in KITTI's logs. There boxes stand upright, and the camera's own coordinates are these with the axes turned.
     """
     return None if name == BODY or name not in rig.mounts else rig.body_T_sensor(name) @ CAMERA_T_LEVEL
 
@@ -196,7 +198,8 @@ def _image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
         left[f"not seen by {camera}"] += int(np.count_nonzero(~seen))
         alone, xyxy = alone[seen], xyxy[seen]
     flat_rows = np.concatenate([np.arange(len(flat)), np.full(len(alone), -1)])
-    return ImageRows(np.concatenate([flat.xyxy_px, xyxy]), flat, flat_rows, solid, np.concatenate([mates, alone]))
+    both, solid_rows = np.concatenate([flat.xyxy_px, xyxy]), np.concatenate([mates, alone])
+    return ImageRows(np.zeros(len(both), np.int64), both, flat, flat_rows, solid, solid_rows)
 
 
 def small_ids(parts: Iterable[Boxes2D | Boxes3D]) -> Callable[[int], int]:

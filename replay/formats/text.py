@@ -128,6 +128,15 @@ def track_number(text: str) -> int:
     return _HASHED + int.from_bytes(digest, "little") % _HASHED
 
 
+def is_number(text: str) -> bool:
+    """Tell whether a text is a number, also one that isn't finite."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def parse_number(text: str, where: str, column: str) -> float:
     """Return a number, also one that isn't finite. Raises LogError where the text is none."""
     try:

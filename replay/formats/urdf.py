@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.formats.calibration_values import INVALID, MALFORMED, format_value, numbers, require_tree
+from fbench.replay.formats.documents import parse_xml
 from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.rig_patch import RigPatch
 
@@ -74,11 +75,7 @@ class _Robot:
         parser = expat.ParserCreate("utf-8")
         parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
         parser.StartDoctypeDeclHandler = self._refuse_dtd
-        try:
-            parser.Parse(content.removeprefix(b"\xef\xbb\xbf").lstrip(), True)
-        except expat.ExpatError as error:
-            what = expat.ErrorString(error.code)
-            raise ConfigError(f"{self._path}: isn't XML ({what} in line {error.lineno})", MALFORMED) from error
+        parse_xml(parser, content, lambda what: ConfigError(f"{self._path}: {what}", MALFORMED))
 
     def _refuse_dtd(self, *_: object) -> NoReturn:
         raise ConfigError(f"{self._path}: XML with a DOCTYPE is refused; remove it", MALFORMED)
@@ -103,16 +100,13 @@ class _Robot:
                 raise ConfigError(f"{self._path}: has more than {_MAX_JOINTS} joints", MALFORMED)
             self.joints.append(_Joint(self._plain(attributes.get("name", "")), attributes.get("type", "")))
         elif within == ["joint"]:
-            self._add_part(tag, {name: self._plain(value) for name, value in attributes.items()})
+            joint, texts = self.joints[-1], {name: self._plain(value) for name, value in attributes.items()}
+            if tag in joint.parts and tag in ("parent", "child", "origin"):
+                raise ConfigError(f"{self._path}: joint '{joint.name}' has two elements <{tag}>", MALFORMED)
+            joint.parts[tag] = texts
 
     def _end(self, _: str) -> None:
         self._stack.pop()
-
-    def _add_part(self, tag: str, attributes: dict[str, str]) -> None:
-        joint = self.joints[-1]
-        if tag in joint.parts and tag in ("parent", "child", "origin"):
-            raise ConfigError(f"{self._path}: joint '{joint.name}' has two elements <{tag}>", MALFORMED)
-        joint.parts[tag] = attributes
 
     def _plain(self, text: str) -> str:
         if "${" in text or "$(" in text:

@@ -121,15 +121,6 @@ def rays(camera: CameraModel, uv: Array) -> Float64:
     return np.asarray(ahead / np.sqrt((ahead * ahead).sum(axis=1))[:, None], np.float64)
 
 
-def undistort_pixels(camera: CameraModel, uv: Array) -> Float64:
-    """Pixels (N, 2) of a pinhole camera with the same `K`; NaN where unseen. Raises LogError as `project` does."""
-    if is_pinhole(camera):
-        return np.array(uv, np.float64)
-    ray = rays(camera, uv)
-    ahead = np.where(ray[:, 2] > 0, ray[:, 2], np.nan)
-    return _to_pixels(camera, ray[:, :2] / ahead[:, None])
-
-
 def project_body(rig: Rig, name: str, xyz: Array) -> tuple[Float64, Float64]:
     """Project points (N, 3) in body coordinates into camera `name`; see `project`."""
     require_projection(rig, name)

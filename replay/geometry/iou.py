@@ -1,5 +1,6 @@
 """Corners and overlap (intersection over union) of boxes, in images, seen from above and in space."""
 
+from collections.abc import Sized
 from dataclasses import replace
 
 import numpy as np
@@ -33,19 +34,21 @@ def corners(boxes: Boxes3D) -> Float64:
 
 def iou_2d(a: Array, b: Array) -> Float64:
     """Intersection over union (N, M) of rectangles (N, 4) and (M, 4), left, top, right, bottom; 0 if both are empty."""
-    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    overlap = _common(a[:, 0], a[:, 2], b[:, 0], b[:, 2])
-    overlap *= _common(a[:, 1], a[:, 3], b[:, 1], b[:, 3])
-    area_a, area_b = (np.maximum(r[:, 2] - r[:, 0], 0) * np.maximum(r[:, 3] - r[:, 1], 0) for r in (a, b))
-    union = area_a[:, None] + area_b[None, :] - overlap
-    return np.asarray(np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0), np.float64)
+    from fbench.replay.geometry.compiled import rectangle_blocks  # numba takes a while to import
+
+    a, b = (np.array(rectangles, np.float64, order="C") for rectangles in (a, b))
+    sound_a, sound_b, region = np.ones(len(a), bool), np.ones(len(b), bool), np.zeros(len(a), bool)
+    return rectangle_blocks(a, b, sound_a, sound_b, *_one_step(a, b), region).reshape(len(a), len(b))
 
 
-def _common(low_a: Float64, high_a: Float64, low_b: Float64, high_b: Float64) -> Float64:
-    """Length (N, M) that intervals (N,) and (M,) share."""
-    length = np.minimum(high_a[:, None], high_b)
-    length -= np.maximum(low_a[:, None], low_b)
-    return np.maximum(length, 0.0, out=length)
+def _one_step(a: Sized, b: Sized) -> tuple[Int64, Int64]:
+    return np.array([0, len(a)], np.int64), np.array([0, len(b)], np.int64)
+
+
+def common_areas(a: Float64, b: Float64) -> Float64:
+    """Area (N, M) that rectangles (N, 4) and (M, 4) share: left, top, right, bottom."""
+    sides = np.minimum(a[:, None, 2:], b[None, :, 2:]) - np.maximum(a[:, None, :2], b[None, :, :2])
+    return np.asarray(np.prod(np.maximum(sides, 0.0), axis=2), np.float64)
 
 
 def distance_bev(a: Array, b: Array) -> Float64:
@@ -79,14 +82,7 @@ def iou_bev(a: Boxes3D, b: Boxes3D) -> Float64:
     """Intersection over union (N, M) of the boxes' footprints, turned by yaw; roll and pitch are left out. 0 where a
     box has no area; -inf where one isn't finite or has a negative size.
     """
-    return _iou(a, b, solid=False)
-
-
-def iou_3d(a: Boxes3D, b: Boxes3D) -> Float64:
-    """Intersection over union (N, M) of the boxes in space, turned by yaw; roll and pitch are left out. 0 where a box
-    has no volume; -inf where one isn't finite or has a negative size.
-    """
-    return _iou(a, b, solid=True)
+    return flat_iou(upright(a), upright(b), *_one_step(a, b), solid=False).reshape(len(a), len(b))
 
 
 def flat_iou(a: Float64, b: Float64, start_a: Int64, start_b: Int64, solid: bool) -> Float64:
@@ -110,8 +106,3 @@ def comparable(boxes: Float64) -> Bool:
 def upright(boxes: Boxes3D) -> Float64:
     """Center, size and heading (N, 7) of boxes."""
     return np.column_stack([boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad])
-
-
-def _iou(a: Boxes3D, b: Boxes3D, solid: bool) -> Float64:
-    start_a, start_b = (np.array([0, len(boxes)], np.int64) for boxes in (a, b))
-    return flat_iou(upright(a), upright(b), start_a, start_b, solid).reshape(len(a), len(b))

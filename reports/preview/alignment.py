@@ -204,7 +204,7 @@ def stereo_view(sample: Sample, pair: Pair, how: Rectified) -> StereoView:
     disparity = _disparity(left, right, how)
     depth = np.where(disparity > 0, how.camera.K[0, 0] * how.baseline_m / np.maximum(disparity, 0.1), np.nan)
     # LiDAR points in the rectified left image, the farthest first.
-    xyz = np.concatenate([np.zeros((0, 3)), *(points.xyz for points in sample.placed("lidar"))])
+    xyz = np.concatenate([np.zeros((0, 3)), *(points.xyz for points in sample.points_of("lidar"))])
     left_T_body = inverse(sample.rig.body_T_sensor(pair.left))
     uv, lidar_m = project(how.camera, transform(how.rectified_T_left, transform(left_T_body, xyz)))
     rows = np.flatnonzero(in_image(how.camera, uv))

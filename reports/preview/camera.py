@@ -32,7 +32,7 @@ class Layer:
 
 def layer(sample: Sample, camera: str, kind: Kind) -> Layer:
     """Points of the placed sensors of a kind in an image. Raises LogError for a lens whose distortion isn't modeled."""
-    points = sample.placed(kind)
+    points = sample.points_of(kind)
     xyz = np.concatenate([np.zeros((0, 3)), *(p.xyz for p in points)])
     speed = np.concatenate([np.zeros(0), *(p.speed_mps for p in points)])
     uv, depth = project_body(sample.rig, camera, xyz)
@@ -122,7 +122,7 @@ def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
     """LiDARs or radars, and truth, in an image. Raises LogError for a lens whose distortion isn't modeled."""
     found = layer(sample, camera, kind)
     picture = _draw(sample, camera, found, whole(sample.rig.cameras[camera].size_wh), kind == "radar")
-    sensors = ", ".join(draw.plain(points.sensor, 20) for points in sample.placed(kind))
+    sensors = ", ".join(draw.plain(points.sensor, 20) for points in sample.points_of(kind))
     texts = [f"{draw.plain(camera)}: {_TITLES[kind]} ({len(found.uv_px)} points of {sensors})"]
     draw.lines(picture, texts, [INK])
     ramp, span = np.linspace(0, 1, 128), np.log(FAR_M / NEAR_M)
@@ -169,9 +169,7 @@ def _draw_rectangles(picture: Pixels, sample: Sample, camera: str, window: Windo
 
 
 def _interesting(sample: Sample, camera: str, found: Layer) -> Float64 | None:
-    """Rectangle [px] that is worth a closer look: nearest truth that is wholly seen with points in it, else the region
-    with most points between 5 and 40 m.
-    """
+    """Rectangle [px] to look closer at: nearest truth wholly seen with points in it, else most points in 5 to 40 m."""
     width, height = sample.rig.cameras[camera].size_wh
     rects, seen = project_boxes(sample.rig, camera, boxes3d(sample.truth))
     distance = np.sqrt(np.sum(boxes3d(sample.truth).center_m ** 2, axis=1))

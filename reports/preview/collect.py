@@ -26,7 +26,7 @@ from fbench.replay.geometry.transforms import inverse
 from fbench.replay.logs.partial_rig import PartialRig
 from fbench.replay.logs.setup import StampParams
 from fbench.reports.html.records import positive
-from fbench.reports.preview.sample import Arrival, Instant, Material, Sample
+from fbench.reports.preview.sample import Instant, Material, Sample
 
 T = TypeVar("T")
 MAX_TIMES = 1000  # So many instants and arrivals at least are kept for the panel of times, where the log has as many
@@ -221,7 +221,7 @@ class _Observed:
         self.rig = Rig({**unknown, **partial.rig.mounts}, partial.rig.cameras)
         self.info, self.num_messages, self.poses = reader.info, reader.num_messages, reader.poses
         self.events, self.truths = reader.events, reader.truths
-        self.arrivals: dict[str, Spread[Arrival]] = {}
+        self.arrivals: dict[str, Spread[tuple[int, int]]] = {}
         self.counts: Counter[str] = Counter()
 
     def messages(self) -> Iterator[Message | RigChange]:
@@ -229,7 +229,7 @@ class _Observed:
             if not isinstance(message, RigChange):
                 stamp_ns = self._stamps.restamp(message).stamp_ns
                 arrivals = self.arrivals.setdefault(message.sensor, Spread(MAX_TIMES))
-                arrivals.offer(Arrival(stamp_ns, message.log_ns))
+                arrivals.offer((stamp_ns, message.log_ns))
                 self.counts[message.sensor] += 1
             yield message
 

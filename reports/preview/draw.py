@@ -21,7 +21,6 @@ QUIET: Color = (176, 168, 160)
 TRUTH: Color = (90, 255, 90)
 TRUTH_2D: Color = (255, 230, 60)
 CURVE: Color = (60, 210, 255)
-WARN: Color = (70, 90, 255)
 OUTLINE = [0, 1, 2, 1, 2, 3, 0, 3, 0, 1]  # Of a rectangle (left, top, right, bottom): a closed line of five points
 NEAR_M, FAR_M = 2.0, 80.0
 MAX_SPEED_MPS = 10.0

@@ -69,7 +69,7 @@ def doppler_panel(samples: Sequence[Sample], radar: str, period_mps: float | Non
 def _scans(samples: Sequence[Sample], radar: str, period_mps: float | None) -> list[_Scan]:
     scans = []
     for sample in samples:
-        for points in sample.placed("radar"):
+        for points in sample.points_of("radar"):
             if points.sensor == radar and np.isfinite(points.speed_mps).any():
                 seen = points.xyz - sample.rig.body_T_sensor(radar)[:3, 3]
                 distance = np.sqrt(np.sum(seen**2, axis=1))
@@ -180,7 +180,7 @@ def check_labels(samples: Sequence[Sample]) -> Verdict | None:
             continue
         boxes = truth.boxes3d if truth.boxes3d.ignore is None else truth.boxes3d[~truth.boxes3d.ignore]
         away.append(np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1]))
-        hits += _hits(boxes, np.concatenate([np.zeros((0, 3)), *(points.xyz for points in sample.placed("lidar"))]))
+        hits += _hits(boxes, np.concatenate([np.zeros((0, 3)), *(points.xyz for points in sample.points_of("lidar"))]))
     distance_m = np.concatenate(away)
     if len(distance_m) and (nearest := float(np.min(distance_m))) > _FAR_M:
         why = "wrong coordinate frame, or poses of another one?"
@@ -263,7 +263,7 @@ class Measured:
                 self.gaps.append(f"{error}: nothing is drawn into its images")
                 continue
             self.verdicts.append(Verdict(camera, "alignment", found.verdict, found.is_bad))
-            seen = [s for s in self.material.samples if camera in s.cameras and s.placed("lidar")]
+            seen = [s for s in self.material.samples if camera in s.cameras and s.points_of("lidar")]
             sample = max(seen, key=lambda s: len(edges_of(s, camera)), default=None)
             if sample is not None:
                 text = f"{camera}: {found.verdict}. Colored jumps of depth must lie on bright edges of the image."

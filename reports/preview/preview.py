@@ -38,7 +38,7 @@ class FramePictures:
         """Draw every camera, and points from above and from the side."""
         for name in sample.cameras:
             yield from self._camera(sample, name)
-        if sample.placed("lidar") or sample.placed("radar") or len(boxes3d(sample.truth)):
+        if sample.points_of("lidar") or sample.points_of("radar") or len(boxes3d(sample.truth)):
             yield from self._views(sample)
         for points in sample.points:
             if not points.is_placed:
@@ -48,7 +48,7 @@ class FramePictures:
 
     def _camera(self, sample: Sample, name: str) -> Iterator[Shown]:
         stem = f"{sample.frame.index:06d}-{self.album.stem(name)}"
-        kinds = [kind for kind in _POINTS if sample.placed(kind)]
+        kinds = [kind for kind in _POINTS if sample.points_of(kind)]
         is_placed = name in sample.rig.mounts and name in sample.rig.cameras
         if not is_placed or not (kinds or len(boxes3d(sample.truth))):
             yield self._bare(sample, name, stem)
@@ -56,7 +56,7 @@ class FramePictures:
         try:
             for kind in kinds or _POINTS[:1]:
                 what = f"{_NAMES[kind]} in {name}"
-                ages = _ages(sample, [name, *(points.sensor for points in sample.placed(kind))])
+                ages = _ages(sample, [name, *(points.sensor for points in sample.points_of(kind))])
                 text = f"{what}. {ages}{_truth(sample, name)}"
                 yield self.album.add(f"{stem}-{kind}", camera.overlay(sample, name, kind), text, what)
             zooms = [z for kind in kinds if (z := camera.zoom(sample, name, kind)) is not None]

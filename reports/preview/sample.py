@@ -141,13 +141,13 @@ class Sample:
     def depth_edges_m(self) -> Float64:
         """Near sides (N, 3) of jumps in depth of all placed LiDARs, in body coordinates [m]."""
         found = [np.zeros((0, 3))]
-        for points in self.placed("lidar"):
+        for points in self.points_of("lidar"):
             body_T_sensor, turn = self.rig.body_T_sensor(points.sensor), np.eye(4)
             turn[:3, :3] = body_T_sensor[:3, :3].T  # jumps are sought along the sensor's rings
             found.append(points.xyz[depth_edges(transform(turn, points.xyz - body_T_sensor[:3, 3]))])
         return np.concatenate(found)
 
-    def placed(self, kind: Kind) -> list[Points]:
+    def points_of(self, kind: Kind) -> list[Points]:
         """Points in body coordinates of the sensors of one kind."""
         return [points for points in self.points if points.kind == kind and points.is_placed]
 
@@ -155,14 +155,6 @@ class Sample:
         """How much later than the frame's instant a sensor measured [ms]; `None` where it is missing."""
         message = self.frame.messages.get(sensor)
         return None if message is None else (message.stamp_ns - self.frame.stamp_ns) / 1e6
-
-
-@dataclass(frozen=True)
-class Arrival:
-    """When one message was measured, and when it was recorded."""
-
-    stamp_ns: int
-    log_ns: int
 
 
 @dataclass(frozen=True)
@@ -188,7 +180,8 @@ class Material:
     num_frames: int
     num_labeled: int
     instants: Sequence[Instant]  # Of frames evenly spread over the log
-    arrivals: Mapping[str, Sequence[Arrival]]  # Of messages evenly spread over the log, by sensor or stream of poses
+    arrivals: Mapping[str, Sequence[tuple[int, int]]]
+    """`stamp_ns` and `log_ns` of messages evenly spread over the log, by sensor or stream of poses."""
     num_messages: Mapping[str, int]  # Read of each sensor or stream of poses
     missing: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     """In how many frames a sensor is missing, by its name and the reason."""

@@ -1,6 +1,6 @@
 """Plots, and the times at which each sensor measured and was recorded."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,12 +100,11 @@ class SensorTimes:
 
 def sensor_times(material: Material) -> Sequence[SensorTimes]:
     """Times of all sensors and streams of poses, by name."""
-    names = sorted({*material.kinds, *material.num_messages})
-    delays = {name: _delays(material, name) for name in names}
+    shifts_of, delays = _measure(material)
     usual = [float(np.median(d[:, 1])) for d in delays.values() if len(d)]
     typical_ms, times = float(np.median(usual)) if usual else 0.0, []
-    for name in names:
-        shifts, why = _shifts(material, name), material.missing.get(name, {})
+    for name, shifts in shifts_of.items():
+        why = material.missing.get(name, {})
         remarks = _shift_remarks(shifts[:, 1]) if name != material.reference and len(shifts) else []
         remarks += _delay_remarks(delays[name], typical_ms) if len(delays[name]) else []
         reasons = "; ".join(f"{reason} ({num})" for reason, num in why.items())
@@ -120,9 +119,8 @@ def sensor_times(material: Material) -> Sequence[SensorTimes]:
 
 def time_panel(material: Material) -> Pixels:
     """Draw stamp minus instant, and below it log time minus stamp, over the time of the log."""
-    names = sorted({*material.kinds, *material.num_messages})
-    shifts = {name: _shifts(material, name) for name in names}
-    delays = {name: _delays(material, name) for name in names}
+    shifts, delays = _measure(material)
+    names = list(shifts)
     picture = draw.canvas(WIDTH_PX, 2 * HEIGHT_PX + 18 * (-(-len(names) // 4)) + 10)
     both = [("stamp - instant of the frame [ms]", shifts), ("log time - stamp [ms]", delays)]
     everything = np.concatenate([np.zeros((0, 2)), *shifts.values(), *delays.values()])
@@ -173,20 +171,21 @@ def _trend_ms(values: Float64) -> float:
     return abs(float(np.median(values[-third:]) - np.median(values[:third]))) if third >= 3 else 0.0
 
 
-def _shifts(material: Material, name: str) -> Float64:
-    """Seconds since the first instant and stamp minus instant [ms], (N, 2)."""
-    both = [(i.stamp_ns, i.stamps_ns[name] - i.stamp_ns) for i in material.instants if name in i.stamps_ns]
-    return _series(material, both)
-
-
-def _delays(material: Material, name: str) -> Float64:
-    """Seconds since the first instant and log time minus stamp [ms], (N, 2)."""
-    return _series(material, [(a.stamp_ns, a.log_ns - a.stamp_ns) for a in material.arrivals.get(name, ())])
-
-
-def _series(material: Material, both_ns: Sequence[tuple[int, int]]) -> Float64:
+def _measure(material: Material) -> tuple[dict[str, Float64], dict[str, Float64]]:
+    """By sensor and stream of poses, sorted: seconds since the first instant and (N, 2) stamp minus instant [ms]; the
+    same and log time minus stamp [ms].
+    """
     start_ns = material.instants[0].stamp_ns if material.instants else 0
-    return np.array([((at - start_ns) / 1e9, by / 1e6) for at, by in both_ns], np.float64).reshape(-1, 2)
+
+    def series(both_ns: Iterable[tuple[int, int]]) -> Float64:
+        return np.array([((at - start_ns) / 1e9, by / 1e6) for at, by in both_ns], np.float64).reshape(-1, 2)
+
+    shifts, delays = dict[str, Float64](), dict[str, Float64]()
+    for name in sorted({*material.kinds, *material.num_messages}):
+        own = ((i.stamp_ns, i.stamps_ns[name] - i.stamp_ns) for i in material.instants if name in i.stamps_ns)
+        shifts[name] = series(own)
+        delays[name] = series((at, log_ns - at) for at, log_ns in material.arrivals.get(name, ()))
+    return shifts, delays
 
 
 def _with_gaps(series: Float64) -> Float64:

@@ -114,7 +114,7 @@ def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     """LiDARs, each in a color of its own, radars by speed, truth, range rings, and where the sensors look."""
     picture = draw.canvas(*ground.size_wh)
     rings = _draw_rings(picture, ground)
-    for points in sample.placed("lidar"):
+    for points in sample.points_of("lidar"):
         color = of_sensor(lidars.index(points.sensor))
         _draw_points(picture, ground, points, np.full((len(points.xyz), 3), color, np.uint8), 1)
     boxes = boxes3d(sample.truth)
@@ -122,22 +122,20 @@ def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
         draw.path(picture, ground.to_picture(eight[_FOOTPRINT, :2]), TRUTH)
         front = (eight[0, :2] + eight[2, :2]) / 2
         draw.path(picture, ground.to_picture(np.stack([center[:2], front])), TRUTH)
-    for points in sample.placed("radar"):
+    for points in sample.points_of("radar"):
         _draw_points(picture, ground, points, of_speed(points.speed_mps), 4)
     draw_sensors(picture, ground.to_picture, sample.rig)
     _write_rings(picture, rings)
     _draw_axes(picture, ground)
-    texts, colors = [f"frame {sample.frame.index}, from above"], [INK]
-    for points in sample.placed("lidar"):
-        texts.append(f"LiDAR {draw.plain(points.sensor)}: {len(points.xyz)} points")
-        colors.append(of_sensor(lidars.index(points.sensor)))
-    for points in sample.placed("radar"):
-        texts.append(f"radar {draw.plain(points.sensor)}: {len(points.xyz)} points, red recedes, blue nears")
-        colors.append(INK)
-    if len(boxes):
-        texts.append(f"truth: {len(boxes)} boxes, the line points to their front")
-        colors.append(TRUTH)
-    draw.lines(picture, texts, colors)
+    rows = [(f"frame {sample.frame.index}, from above", INK)]
+    for points in sample.points_of("lidar"):
+        text = f"LiDAR {draw.plain(points.sensor)}: {len(points.xyz)} points"
+        rows.append((text, of_sensor(lidars.index(points.sensor))))
+    for points in sample.points_of("radar"):
+        text = f"radar {draw.plain(points.sensor)}: {len(points.xyz)} points, red recedes, blue nears"
+        rows.append((text, INK))
+    rows += [(f"truth: {len(boxes)} boxes, the line points to their front", TRUTH)] if len(boxes) else []
+    draw.lines(picture, [text for text, _ in rows], [color for _, color in rows])
     return picture
 
 
@@ -171,7 +169,7 @@ def from_side(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
         draw.path(picture, line, QUIET if z == 0 else GRID)
         if z % 2 == 0:
             draw.write(picture, f"z {z} m", (4, line[0, 1] - 3), QUIET)
-    for points in (*sample.placed("lidar"), *sample.placed("radar")):
+    for points in (*sample.points_of("lidar"), *sample.points_of("radar")):
         near = np.abs(points.xyz[:, 1]) < 10
         is_lidar = points.kind == "lidar"
         color = of_sensor(lidars.index(points.sensor)) if is_lidar else (0, 0, 0)

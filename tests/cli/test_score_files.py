@@ -175,6 +175,10 @@ def test_plugins_tell_metrics_and_profiles(fbench):
     assert "nuscenes-tracking" in result.out
     result = fbench("plugins", "profiles", "kitti-3dmot")
     assert ["rules.match", "iou3d", "0.25"] in [line.split() for line in result.out.splitlines()]
+    result = fbench("plugins", "metrics", "tracking")
+    assert result.code == 0
+    assert "fbench.metrics.runs.tracking:Tracking" in result.out
+    assert "CLEAR MOT, identity and HOTA of `run.tracks`." in result.out
     result = fbench("plugins", "metrics", "hotaa")
     assert (result.code, result.err) == (2, "fbench: unknown metric 'hotaa'; did you mean 'hota'?\n")
     result = fbench("plugins", "profiles", "cocoa")

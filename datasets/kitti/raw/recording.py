@@ -50,13 +50,8 @@ def _format_ranges(found: Iterable[range]) -> str:
     return format_runs(found, _LISTED)
 
 
-def names(source: Path) -> list[str]:
-    """Names of the drives in `source`, sorted; see `find_drives`."""
-    return list(find_drives(source))
-
-
 def recording(name: str, source: Path, wish: ImportWish, params: KittiParams) -> Recording:
-    """Open a drive of `names`. Raises ConfigError for results of another system, which only benchmarks have."""
+    """Open a drive of `find_drives`. Raises ConfigError for results of another system, which only benchmarks have."""
     if params.detections is not None:
         raise ConfigError(f"{params.detections}: raw drives can't take detections, whose files are those of benchmarks")
     return RawRecording(name, find_drives(source)[name], wish, params)

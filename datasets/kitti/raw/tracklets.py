@@ -18,6 +18,7 @@ from fbench.replay.contracts.importing import read_bytes
 from fbench.replay.data.arrays import Float64, Int64, text_array
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.classes import label
+from fbench.replay.formats.documents import parse_xml
 from fbench.replay.formats.text import parse_number, whole
 from fbench.replay.geometry.iou import move_boxes
 
@@ -94,11 +95,7 @@ class TrackletsXml:
 
     def tracklets(self, content: bytes) -> Sequence[Element]:
         """Read the document; there are as many tracklets as it says. Raises LogError where it isn't such a document."""
-        try:
-            self._parser.Parse(content.removeprefix(b"\xef\xbb\xbf").lstrip(), True)
-        except expat.ExpatError as error:
-            what = expat.ErrorString(error.code)
-            raise LogError(f"{self._path}: isn't XML ({what} in line {error.lineno})") from error
+        parse_xml(self._parser, content, lambda what: LogError(f"{self._path}: {what}"))
         _require_count(self._total or Element(self._path, 1, "tracklets"), len(self._tracklets))
         return self._tracklets
 
@@ -116,14 +113,9 @@ class TrackletsXml:
             self._refuse(f"<{tag[:40]}> instead of <{_ROOT}>, these aren't tracklets")
         if len(self._tags) > _MAX_DEPTH:
             self._refuse(f"nested more than {_MAX_DEPTH} deep")
-        self._open.append(self._element(tag))
-
-    def _element(self, tag: str) -> Element:
-        """Return what takes the texts within; most elements hold none."""
-        element = Element(self._path, self._parser.CurrentLineNumber, tag)
-        if tag not in _GROUPS:
-            return element
-        place = tuple(self._tags)
+        element = Element(self._path, self._parser.CurrentLineNumber, tag)  # takes the texts within
+        self._open.append(element)
+        place = tuple(self._tags) if tag in _GROUPS else ()
         if place == _TRACKLET:
             self._tracklets.append(element)
         elif place == _POSE:
@@ -135,7 +127,6 @@ class TrackletsXml:
             self._tracklets[-1].num_poses = element
         elif place == _TRACKLET[:-1]:
             self._total = element
-        return element
 
     def _add_text(self, text: str) -> None:
         self._text += text

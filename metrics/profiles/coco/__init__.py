@@ -1,1 +1,1 @@
-"""Coco."""
+"""Average precision and recall as pycocotools counts them: `profile`."""

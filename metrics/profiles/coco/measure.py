@@ -10,7 +10,7 @@ from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.matching import match_greedily, score_order
 from fbench.metrics.core.problem import is_valid
 from fbench.metrics.core.similarity import image_overlaps
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects, Sequence
 
 
@@ -30,9 +30,6 @@ class Ranked:
     place: Int64  # (M, 3) frame, number of the camera, and place in the image by score: no two are equal
     score: Float64  # (M,)
     outcome: Array  # (A, T, M) uint8 `Outcome` for A ranges of area and T thresholds
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, place=("i8", ("M", 3)), score=("f8", ("M",)), outcome=("u1", ("A", "T", "M")))
 
 
 @dataclass(frozen=True)

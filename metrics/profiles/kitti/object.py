@@ -11,7 +11,7 @@ from fbench.metrics.profiles.kitti import rows
 from fbench.metrics.profiles.kitti.rows import KittiClass, Pairs, Tables
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.profiles import Facts, Headlines, Likeness, Match
-from fbench.replay.data.arrays import Array, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Objects, Sequence
 
@@ -69,13 +69,6 @@ class ObjectTable:
     num_bad_truth: int  # Left out; what the source left out already is of any class
     num_bad_results: int  # They are false positives at every threshold
     missing: str  # What the boxes lack, so that they can't be matched in this way; empty where nothing
-
-    def __post_init__(self) -> None:
-        truth, results = ("N",), ("M",)
-        freeze_fields(
-            self, truth_ignored=("?", ("D", "N")), state=("i8", ("D", "M")), score=("f8", results),
-            covered=("f8", results), truth_alpha=("f8", truth), alpha=("f8", results),
-        )  # fmt: skip
 
 
 def object_table(
@@ -226,9 +219,7 @@ class KittiObject:
         return frozenset(kind.label for kind in self.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with one overlap for all classes. Raises ConfigError where it isn't an intersection over
-        union.
-        """
+        """Return the profile with one overlap for all classes. ConfigError if it isn't an intersection over union."""
         if match.likeness not in _LIKENESSES:
             raise ConfigError(f"{self.name}: --match {match.likeness}: expected iou2d, ioubev or iou3d")
         return replace(self, classes=tuple(replace(kind, matches=(match,)) for kind in self.classes))

@@ -9,7 +9,7 @@ from fbench.metrics.core.ordering import content_ranks, life_ranks, number_track
 from fbench.metrics.core.problem import is_valid
 from fbench.metrics.core.similarity import blocks, image_overlaps
 from fbench.replay.contracts.profiles import Likeness
-from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects, Sequence
 
 T = TypeVar("T")
@@ -103,12 +103,6 @@ class Pairs:
     start: Int64  # (N + 1,)
     estimate: Int64  # (P,) ascending within a row
     likeness: Float64  # (P,)
-
-    def __post_init__(self) -> None:
-        steps, one = ("i8", ("S1",)), ("f8", ("P",))
-        freeze_fields(
-            self, truth_start=steps, estimate_start=steps, start=("i8", ("N1",)), estimate=("i8", ("P",)), likeness=one
-        )
 
 
 def pairs_within(truth: Objects, estimates: Objects, num_steps: int, likeness: Likeness, least: float) -> Pairs:

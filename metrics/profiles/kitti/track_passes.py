@@ -11,7 +11,7 @@ from fbench.metrics.profiles.kitti import rows
 from fbench.metrics.profiles.kitti.rows import KittiClass, Pairs
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.sequences import Sequence
 
 
@@ -45,19 +45,9 @@ class TrackTable:
     num_bad_truth: int  # Left out; what the source left out already is of any class
     num_bad_results: int  # They are false positives at every threshold
 
-    def __post_init__(self) -> None:
-        truth, estimates, tracks = ("N",), ("M",), ("T",)
-        freeze_fields(
-            self, truth_ignored=("?", truth), track_start=("i8", ("K1",)), track_rows=("i8", truth),
-            estimate_track=("i8", estimates), excusable=("?", estimates), track_size=("i8", tracks),
-            track_score=("f8", tracks),
-        )  # fmt: skip
-
 
 def track_table(sequence: Sequence, kind: KittiClass, rules: TrackRules) -> TrackTable:
-    """Select what counts for one class. Raises MetricError where an id is twice in a frame (GT003), or boxes lack what
-    is matched.
-    """
+    """Select what counts for a class. MetricError: an id is twice in a frame (GT003), or boxes lack what is matched."""
     steps, match, sides, num_bad = sequence.steps, rules.match, [], []
     for side, own in (("truth", sequence.truth), ("results", sequence.estimates)):
         objects = own[np.isin(own.label, kind.labels) & (own.track_id >= 0)]
@@ -137,16 +127,10 @@ class Pass:
         return self.likeness / self.tp if self.tp else 0.0
 
 
-@dataclass(frozen=True)
-class Passes:
-    """All that the rows of one class are made of."""
-
-    recalls: tuple[Pass, ...]  # By rising recall; recalls that weren't reached are missing
-    best: Pass  # At the threshold with the highest MOTA above 0, else with all results
-
-
-def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:
-    """Find the thresholds from the scores of all tables, and count at each."""
+def run_passes(tables: Many[TrackTable], num_recalls: int) -> tuple[list[Pass], Pass]:
+    """Find the thresholds from the scores of all tables, and count at each: by rising recall, without recalls that
+    aren't reached; then at the threshold with the highest MOTA above 0, else with all results.
+    """
     walks = [_Walk(table) for table in tables]
     everything = _add_walks(walks, (ALL_RESULTS,), (1.0,), is_first=True)[0]
     scores = np.concatenate([np.zeros(0), *(walk.scores_of_matches() for walk in walks)])
@@ -156,7 +140,7 @@ def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:
     for one in passes:
         if one.mota is not None and one.mota > best_mota:
             best_mota, best = one.mota, one.threshold
-    return Passes(tuple(passes), _add_walks(walks, (best,), (1.0,), is_first=False)[0])
+    return passes, _add_walks(walks, (best,), (1.0,), is_first=False)[0]
 
 
 class _Walk:

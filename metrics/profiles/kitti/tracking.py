@@ -20,8 +20,8 @@ def track_scores(tables: Many[TrackTable], label: str, rules: TrackRules, part: 
     are those of all truth, ignored boxes too, so that without truth that counts there can be an AMOTP. MOTA and MODA
     aren't clipped.
     """
-    passes, num_recalls = run_passes(tables, rules.num_recalls), rules.num_recalls
-    best, has_truth, is_reached = passes.best, passes.best.gt > 0, bool(passes.recalls)
+    (passes, best), num_recalls = run_passes(tables, rules.num_recalls), rules.num_recalls
+    has_truth, is_reached = best.gt > 0, bool(passes)
     frames, bad_truth, bad_results = (
         sum(getattr(t, name) for t in tables) for name in ("num_frames", "num_bad_truth", "num_bad_results")
     )
@@ -37,9 +37,9 @@ def track_scores(tables: Many[TrackTable], label: str, rules: TrackRules, part: 
     is_score = result_tracks > 0 and best.threshold != ALL_RESULTS
     all_count = f"no threshold has a MOTA above 0, so all results count (AB3DMOT takes {ALL_RESULTS:g})"
     means = [
-        ("samota", sum(p.smota or 0.0 for p in passes.recalls) / num_recalls if has_truth else None, "1"),
-        ("amota", sum(p.mota or 0.0 for p in passes.recalls) / num_recalls if has_truth else None, "1"),
-        ("amotp", sum(p.motp for p in passes.recalls) / num_recalls if has_truth or is_reached else None, "IoU"),
+        ("samota", sum(p.smota or 0.0 for p in passes) / num_recalls if has_truth else None, "1"),
+        ("amota", sum(p.mota or 0.0 for p in passes) / num_recalls if has_truth else None, "1"),
+        ("amotp", sum(p.motp for p in passes) / num_recalls if has_truth or is_reached else None, "IoU"),
     ]
     ratios = [
         ("mota", best.mota, "1", no_mota),
@@ -65,7 +65,7 @@ def track_scores(tables: Many[TrackTable], label: str, rules: TrackRules, part: 
         "tracker_objects": best.results, "ignored_tracker_objects": best.ignored_results,
         "tracker_tracks": result_tracks,
     }  # fmt: skip
-    reached = {"recalls": num_recalls, "reached": len(passes.recalls), "gt": best.gt}
+    reached = {"recalls": num_recalls, "reached": len(passes), "gt": best.gt}
     values = [(*row, no_mean, reached) for row in means] + [(*row, counts) for row in ratios]
     values += [(name, float(count), "1", "", counts) for name, count in printed.items()]
     return [
@@ -122,9 +122,7 @@ class Kitti3dMot:
         return replace(self, rules=replace(self.rules, match=match))
 
     def measure(self, sequence: Sequence) -> Tables[TrackTable]:
-        """Return what counts in one sequence. Raises MetricError where an id is twice in a frame (GT003), or boxes lack
-        what is matched.
-        """
+        """Return what counts. MetricError: an id is twice in a frame (GT003), or boxes lack what is matched."""
         return Tables((tuple(track_table(sequence, kind, self.rules) for kind in self.classes),))
 
     def scores(self, statistics: Tables[TrackTable], part: str) -> list[Score]:

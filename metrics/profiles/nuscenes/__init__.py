@@ -1,1 +1,1 @@
-"""Nuscenes."""
+"""nuScenes' benchmarks: `detection` and `tracking`; `settings` holds what they fix."""

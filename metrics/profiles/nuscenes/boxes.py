@@ -110,17 +110,8 @@ class Side:
     invalid: Bool  # (N,) never match; truth has none
 
 
-@dataclass(frozen=True, eq=False)
-class Counted:
-    """Both sides of one sequence."""
-
-    truth: Side
-    estimates: Side
-    left_out: LeftOut
-
-
-def select_counted(sequence: Sequence, rules: BoxRules) -> Counted:
-    """Return the boxes of a sequence that count. Raises MetricError where it can't be scored."""
+def select_counted(sequence: Sequence, rules: BoxRules) -> tuple[Side, Side, LeftOut]:
+    """Return truth and results of a sequence that count. Raises MetricError where it can't be scored."""
     check_sequence(sequence, rules.max_boxes)
     racks = sequence.truth[sequence.truth.label == rules.rack_label]
     racks = racks[~_invalid(racks)]
@@ -131,7 +122,7 @@ def select_counted(sequence: Sequence, rules: BoxRules) -> Counted:
         **missed, **{f"{name}_truth": n for name, n in lost.items()},
         invalid=int(estimates.invalid.sum()), invalid_truth=int((~sound).sum()) + sequence.num_invalid_truth,
     )  # fmt: skip
-    return Counted(Side(truth.boxes[sound], truth.kind[sound], truth.invalid[sound]), estimates, left_out)
+    return Side(truth.boxes[sound], truth.kind[sound], truth.invalid[sound]), estimates, left_out
 
 
 def _side(sequence: Sequence, boxes: Objects, rules: BoxRules, racks: Objects) -> tuple[Side, dict[str, int]]:
@@ -205,14 +196,17 @@ def centers_xy(side: Side) -> Float64:
     return np.ascontiguousarray(solids(side.boxes).center_m[:, :2])
 
 
-class Candidates(NamedTuple):
-    """Boxes of one class of one sequence, by step, and the pairs of them that are near; int32 but for the reals."""
+class NearBoxes(NamedTuple):
+    """Boxes of one class of one sequence: S steps, N truth boxes, M results, P pairs of them that are near each other.
+
+    int32 and float64 only, so that many can be held.
+    """
 
     truth_start: Array  # (S + 1,) offsets of steps
     truth_track: Array  # (N,)
     estimate_start: Array  # (S + 1,)
     estimate_track: Array  # (M,)
-    score: Array  # (M,)
+    score: Float64  # (M,) mean of the track; infinite for a result that isn't valid and has no finite score
     pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
     pair_estimate: Array  # (P,) rows
-    pair_m: Array  # (P,) distances
+    pair_m: Float64  # (P,) distances

@@ -1,14 +1,14 @@
 """Sufficient statistics of tracking: what CLEAR needs to count at any score."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from fbench.metrics.core.ordering import content_ranks, life_ranks, number_tracks
-from fbench.metrics.profiles.nuscenes.boxes import Candidates, LeftOut, Side, centers_xy
+from fbench.metrics.profiles.nuscenes.boxes import LeftOut, NearBoxes, Side, centers_xy
 from fbench.replay.contracts.errors import MetricError
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.sequences import Sequence
 
 
@@ -72,36 +72,14 @@ def track_points(sequence: Sequence, side: Side) -> TrackPoints:
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """One class of one sequence: S steps, N truth boxes, M results, P pairs of them that are near each other.
-
-    Tracks of different streams are different tracks. int32 and float64 only, so that many can be held.
-    """
+    """One class of one sequence; tracks of different streams are different tracks."""
 
     sequence: str
     kind: int  # Index of the class
     num_truth_tracks: int
-    truth_start: Array  # (S + 1,) offsets of steps
-    truth_track: Array  # (N,)
-    estimate_start: Array  # (S + 1,)
-    estimate_track: Array  # (M,)
-    score: Float64  # (M,) mean of the track; infinite for a result that isn't valid and has no finite score
-    pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
-    pair_estimate: Array  # (P,) rows
-    pair_m: Float64  # (P,) distances
-    matched_score: Float64 = field(default_factory=lambda: np.zeros(0))
+    near: NearBoxes
+    matched_score: Float64
     """(K,) of the results that match, without a switch, when all are taken."""
-
-    def __post_init__(self) -> None:
-        freeze_fields(
-            self, truth_start=("i4", ("S1",)), truth_track=("i4", ("N",)), estimate_start=("i4", ("S1",)),
-            estimate_track=("i4", ("M",)), score=("f8", ("M",)), pair_start=("i4", ("N1",)),
-            pair_estimate=("i4", ("P",)), pair_m=("f8", ("P",)), matched_score=("f8", ("K",)),
-        )  # fmt: skip
-
-    @property
-    def candidates(self) -> Candidates:
-        """What the kernels read."""
-        return Candidates(*(getattr(self, name) for name in Candidates._fields))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +107,8 @@ def clips_of(
         truth_start, start = (np.searchsorted(side.step, steps).astype(np.int32) for side in (true, said))
         pairs = near_pairs(true.xy, truth_start, said.xy, start, said.invalid, limit_m)
         tracks, truth_track = np.unique(true.track, return_inverse=True)
-        clip = Clip(
-            sequence, kind, len(tracks), truth_start, truth_track.astype(np.int32), start, said.track.astype(np.int32),
-            said.score, *pairs,
-        )  # fmt: skip
-        _, _, continued = sweep(np.array([-np.inf]), clip.candidates, len(tracks))
-        clips.append(replace(clip, matched_score=said.score[continued]))
+        own, others = truth_track.astype(np.int32), said.track.astype(np.int32)
+        near = NearBoxes(truth_start, own, start, others, said.score, *pairs)
+        _, _, continued = sweep(np.array([-np.inf]), near, len(tracks))
+        clips.append(Clip(sequence, kind, len(tracks), near, said.score[continued]))
     return tuple(clips)

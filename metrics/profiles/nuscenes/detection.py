@@ -91,34 +91,30 @@ class NuscenesDetection:
         return frozenset(self.settings.rules.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with one distance for AP and errors. Raises ConfigError where it isn't a distance between
-        centers in the ground plane.
-        """
+        """Return the profile with one distance for AP and errors. ConfigError if not of centers on the ground."""
         distance_m = center_distance(self.name, match)
         settings = replace(self.settings, distances_m=(distance_m,), error_distance_m=distance_m)
         return replace(self, settings=settings)
 
     def measure(self, sequence: Sequence) -> DetectionStatistics:
-        """Return what each result of one sequence hit. Raises MetricError where it can't be scored: an id twice in a
-        sample (GT003), no boxes in space, too many results.
-        """
+        """Return what results hit. MetricError: id twice in a sample (GT003), no boxes in space, too many results."""
         from fbench.metrics.profiles.nuscenes.kernels import match_nearest  # numba takes a while to import
 
-        boxes, num_classes = select_counted(sequence, self.settings.rules), len(self.settings.rules.classes)
-        estimates, num_steps = boxes.estimates, len(sequence.steps)
-        rows, truth_start = sort_groups(boxes.truth, num_classes, num_steps)
+        truth, estimates, left_out = select_counted(sequence, self.settings.rules)
+        num_classes, num_steps = len(self.settings.rules.classes), len(sequence.steps)
+        rows, truth_start = sort_groups(truth, num_classes, num_steps)
         order, start = sort_groups(estimates, num_classes, num_steps, by_score=True)  # in which estimates choose
-        truth_xy, xy = centers_xy(boxes.truth)[rows], centers_xy(estimates)[order]
+        truth_xy, xy = centers_xy(truth)[rows], centers_xy(estimates)[order]
         limits_m = np.array(self.settings.distances_m, np.float64)
         partner = match_nearest(truth_xy, truth_start, xy, start, estimates.invalid[order], limits_m)
         of_error = np.append(rows, -1)[partner[:, self.settings.error_index]]
         has_error, step, score = of_error >= 0, estimates.boxes.step[order], estimates.boxes.score[order]
         error = np.zeros((0, len(ERRORS)))
         if has_error.any():
-            error = ranking.match_errors(boxes.truth.boxes[of_error[has_error]], estimates.boxes[order[has_error]])
+            error = ranking.match_errors(truth.boxes[of_error[has_error]], estimates.boxes[order[has_error]])
         own = Ranking(
             sequence=sequence.name,
-            num_truth=np.bincount(boxes.truth.kind, minlength=num_classes),
+            num_truth=np.bincount(truth.kind, minlength=num_classes),
             frame=sequence.steps.frame[step],
             place=order - np.searchsorted(estimates.boxes.step, step),
             kind=estimates.kind[order].astype(np.int8),
@@ -127,7 +123,7 @@ class NuscenesDetection:
             error=error,
             has_error=has_error,
         )
-        return DetectionStatistics((own,), boxes.left_out)
+        return DetectionStatistics((own,), left_out)
 
     def scores(self, statistics: DetectionStatistics, part: str) -> list[Score]:
         """Return NDS, mAP and mean errors, then AP and errors of each class.

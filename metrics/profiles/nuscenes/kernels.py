@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from fbench.metrics.core.assignment_kernel import assign
-from fbench.metrics.profiles.nuscenes.boxes import Candidates
+from fbench.metrics.profiles.nuscenes.boxes import NearBoxes
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
@@ -81,7 +81,7 @@ def near_pairs(
 
 @kernel
 def sweep(  # noqa: C901  # apart it compiles twice as long
-    thresholds: Float64, near: Candidates, num_tracks: int
+    thresholds: Float64, near: NearBoxes, num_tracks: int
 ) -> tuple[Array, Float64, Bool]:
     """Count (T, 11) and sum up the distances of pairs (T,) [m], with results from each threshold (T,) on.
 
@@ -136,7 +136,7 @@ def sweep(  # noqa: C901  # apart it compiles twice as long
 
 @kernel
 def _match_step(  # noqa: C901  # apart it compiles twice as long
-    first: int, end: int, near: Candidates, last: Array, taken: Bool, partner: Array, meters: Array, column: Array
+    first: int, end: int, near: NearBoxes, last: Array, taken: Bool, partner: Array, meters: Array, column: Array
 ) -> None:
     """Pair truth of one step with the track that it had last, if that is near and free, in the order of truth rows.
 

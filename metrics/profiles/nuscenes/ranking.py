@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.metrics.profiles.nuscenes.boxes import LeftOut, distances_m, solids
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects
 
 
@@ -22,12 +22,6 @@ class Ranking:
     hit: Bool  # (M, D) at each distance
     error: Float64  # (K, 5) of the K results that hit at the distance for errors, in their order
     has_error: Bool  # (M,) which ones these are
-
-    def __post_init__(self) -> None:
-        freeze_fields(
-            self, num_truth=("i8", ("C",)), frame=("i8", ("M",)), place=("i8", ("M",)), kind=("i1", ("M",)),
-            score=("f8", ("M",)), hit=("?", ("M", "D")), error=("f8", ("K", 5)), has_error=("?", ("M",)),
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +77,6 @@ class Curve:
     precision: Float64
     confidence: Float64
 
-    @property
-    def last(self) -> int:
-        """Index of the highest recall achieved: the last score that isn't 0."""
-        return int(np.flatnonzero(self.confidence).max(initial=0))
-
 
 def precision_curve(score: Float64, hit: Bool, num_truth: int) -> Curve:
     """Return the curve of results (M,), best score first, at one distance: linear between the recalls of results."""
@@ -111,7 +100,8 @@ def mean_errors(ranking: ClassRanking, hit: Bool, curve: Curve, min_recall: floa
     Recalls up to `min_recall` are left out; where no higher one is achieved, every error is 1. An error that no hit
     has (NaN) is 1 too.
     """
-    first, last, num = round((NUM_RECALLS - 1) * min_recall) + 1, curve.last, ranking.error.shape[1]
+    first, num = round((NUM_RECALLS - 1) * min_recall) + 1, ranking.error.shape[1]
+    last = int(np.flatnonzero(curve.confidence).max(initial=0))  # the highest recall achieved: the score isn't 0
     if last < first or not hit.any():
         return np.ones(num)
     score, errors = ranking.score[hit][::-1], ranking.error[hit]

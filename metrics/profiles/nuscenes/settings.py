@@ -90,9 +90,7 @@ class TrackingSettings:
 
 
 def center_distance(profile: str, match: Match) -> float:
-    """Return the distance [m] of a match by center distance in the ground plane. Raises ConfigError for any other
-    match.
-    """
+    """Return the distance [m] of a match by centers in the ground plane. Raises ConfigError for any other match."""
     if match.likeness != "bev":
         raise ConfigError(f"{profile} matches by center distance only, such as bev:2, not {match}")
     return match.threshold

@@ -40,7 +40,7 @@ class ClassValues:
 
 def class_values(clips: Sequence[Clip], settings: TrackingSettings) -> ClassValues:
     """Return the metrics of one class from its clips."""
-    num_truth = sum(len(clip.truth_track) for clip in clips)
+    num_truth = sum(len(clip.near.truth_track) for clip in clips)
     if not num_truth:
         return ClassValues(0, 0, None, 0, dict.fromkeys(UNITS, np.nan))
     thresholds = _thresholds(clips, num_truth, settings)
@@ -80,7 +80,7 @@ def _sweep(clips: Sequence[Clip], thresholds: Float64) -> tuple[dict[str, Float6
     from fbench.metrics.profiles.nuscenes.kernels import COUNTS, sweep  # numba takes a while to import
 
     distinct, index = np.unique(thresholds, return_inverse=True)
-    found = [sweep(distinct, clip.candidates, clip.num_truth_tracks) for clip in clips]
+    found = [sweep(distinct, clip.near, clip.num_truth_tracks) for clip in clips]
     counts = np.sum([own for own, _, _ in found], axis=0)[index].T.astype(np.float64)
     # Exact, so that the order of clips is no matter.
     total_m = np.array([fsum(column) for column in zip(*(own_m for _, own_m, _ in found), strict=True)])
@@ -147,22 +147,20 @@ class NuscenesTracking:
         return frozenset(self.settings.rules.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another distance. Raises ConfigError where it isn't a distance between centers in the
-        ground plane.
-        """
+        """Return the profile with another distance. ConfigError where it isn't one of centers in the ground plane."""
         return replace(self, settings=replace(self.settings, distance_m=center_distance(self.name, match)))
 
     def measure(self, sequence: Sequence_of_sequence) -> TrackingStatistics:
         """Return what is near what in one sequence. Raises MetricError where it can't be scored: an id twice in a
         sample (GT003), boxes without track, no boxes in space, too many results.
         """
-        boxes = select_counted(sequence, self.settings.rules)
-        check_tracked(sequence, "truth", boxes.truth.boxes)
-        check_tracked(sequence, "a result", boxes.estimates.boxes)
-        truth, estimates = track_points(sequence, boxes.truth), track_points(sequence, boxes.estimates)
-        num_classes = len(self.settings.rules.classes)
-        clips = clips_of(sequence.name, truth, estimates, len(sequence.steps), num_classes, self.settings.distance_m)
-        return TrackingStatistics(clips, boxes.left_out)
+        truth, estimates, left_out = select_counted(sequence, self.settings.rules)
+        check_tracked(sequence, "truth", truth.boxes)
+        check_tracked(sequence, "a result", estimates.boxes)
+        points = track_points(sequence, truth), track_points(sequence, estimates)
+        num_steps, num_classes = len(sequence.steps), len(self.settings.rules.classes)
+        clips = clips_of(sequence.name, *points, num_steps, num_classes, self.settings.distance_m)
+        return TrackingStatistics(clips, left_out)
 
     def scores(self, statistics: TrackingStatistics, part: str) -> list[Score]:
         """Return all metrics over the classes, then of each class."""

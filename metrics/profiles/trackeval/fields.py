@@ -98,10 +98,7 @@ def clear_fields(c: ClearCounts, is_distance: bool) -> list[Field]:
         smota = accuracy("smota", c.similarity - c.fp - c.switches)
         motp = [share("motp", c.similarity, c.tp, NO_MATCH), plain_field("motp_sum", c.similarity)]
     no_frames, text = "no frames of sequences with truth and results", f"0 for one sequence, {c.fp} for sums"
-    counts = {
-        "clr_tp": c.tp, "clr_fn": c.fn, "clr_fp": c.fp, "idsw": c.switches, "mt": c.mostly_tracked,
-        "pt": c.partly_tracked, "ml": c.mostly_lost, "frag": c.fragmentations, "clr_frames": c.num_steps,
-    }  # fmt: skip
+    raw, names = clear_raw(c), ("clr_tp", "clr_fn", "clr_fp", "idsw", "mt", "pt", "ml", "frag", "clr_frames")
     return [
         accuracy("mota", c.tp - c.fp - c.switches),
         accuracy("moda", c.tp - c.fp),
@@ -116,7 +113,7 @@ def clear_fields(c: ClearCounts, is_distance: bool) -> list[Field]:
         share("ptr", c.partly_tracked, c.num_tracks, NO_TRACKS),
         share("mlr", c.mostly_lost, c.num_tracks, NO_TRACKS, 0.0, "1 for one sequence, 0 for sums"),
         share("fp_per_frame", c.fp, c.num_steps, no_frames, c.fp, text),
-        *(count(metric, value) for metric, value in counts.items()),
+        *(count(name, raw[name]) for name in names),
     ]
 
 

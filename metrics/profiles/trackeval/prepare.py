@@ -11,7 +11,7 @@ from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.similarity import Blocks, blocks, image_overlaps
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.sequences import Objects, Sequence
 
 
@@ -66,8 +66,7 @@ KITTI = Preparation(
     ),
     drops_missing_ids=True, max_truncation=0, max_occlusion=2, min_height_px=25, region_label="dontcare",
 )  # fmt: skip
-"""TrackEval 1.3.0, `datasets/kitti_2d_box.py`, where 'car_2' is a car too; its 'person' is KITTI's sitting person under
-one of two names."""
+"""TrackEval 1.3.0, `datasets/kitti_2d_box.py`: 'car_2' is a car too; 'person' is one name of KITTI's sitting person."""
 
 _MOT_DISTRACTORS = frozenset({"person on vehicle", "static person", "distractor", "reflection"})
 _MOT_OTHERS = frozenset(
@@ -93,9 +92,7 @@ _EPS = float(np.finfo(float).eps)
 
 
 def problems(sequence: Sequence, preparation: Preparation, match: Match) -> Iterator[Problem]:
-    """Yield what counts of each class. Raises MetricError where an id is missing or twice in a step (GT003), or labels
-    are of another benchmark.
-    """
+    """Yield what counts of each class. MetricError: an id is missing or twice in a step (GT003), labels of others."""
     sides = ((sequence.truth, "truth"), (sequence.estimates, "results"))
     for (objects, what), allowed in zip(sides, (preparation.known_labels, preparation.only_labels), strict=True):
         strange = ~_select_labels(objects, allowed)
@@ -137,10 +134,7 @@ def _problem(
             raise MetricError(f"{where}: {what} have id {names[row]} twice", code="GT003")
         ids.append(number_tracks(names, steps.stream[step]))
     (truth_id, estimate_id), left = ids, pairs.select(*kept)
-    return Problem(
-        left.row_start, left.column_start, left.start, left.values, steps.stream, truth_id, estimate_id,
-        estimates.score[kept[1]], rows[0][kept[0]], rows[1][kept[1]],
-    )  # fmt: skip
+    return Problem(left, steps.stream, truth_id, estimate_id, rows[0][kept[0]], rows[1][kept[1]])
 
 
 def _excuse(
@@ -201,10 +195,3 @@ def _of_class(
     if preparation.order == "as given":
         return rows, others
     return rows[content_order(sequence.truth[rows])], others[content_order(sequence.estimates[others])]
-
-
-def overlaps(problem: Problem, match: Match) -> Float64:
-    """Similarity (B,) of 0 to 1 as HOTA needs it: distances become max(0, 1 - distance / threshold)."""
-    if not match.is_distance:
-        return problem.similarity
-    return np.maximum(0.0, 1 + problem.similarity / match.threshold)

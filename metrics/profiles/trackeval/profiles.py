@@ -1,5 +1,6 @@
 """HOTA, CLEAR and Identity as TrackEval 1.3.0 counts them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
@@ -7,7 +8,7 @@ from typing import NamedTuple, Self
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.profiles.trackeval import fields as of
 from fbench.metrics.profiles.trackeval.fields import LABELS, ClassCounts, Field, TrackingCounts
-from fbench.metrics.profiles.trackeval.prepare import HALF, KITTI, MOT15, MOT17, MOT20, Preparation, overlaps, problems
+from fbench.metrics.profiles.trackeval.prepare import HALF, KITTI, MOT15, MOT17, MOT20, Preparation, problems
 from fbench.metrics.tracking.clear import TRACKEVAL_RULES, ClearRules, clear_counts
 from fbench.metrics.tracking.hota import hota_counts
 from fbench.metrics.tracking.identity import identity_counts
@@ -70,7 +71,7 @@ _HEADLINES = Headlines(
 
 
 @dataclass(frozen=True)
-class TracksProfile:
+class TracksProfile(ABC):
     """What the profiles that look for tracks in images have in common: boxes are prepared, matched and counted."""
 
     name: str
@@ -93,16 +94,14 @@ class TracksProfile:
         return replace(self, match=match)
 
     def measure(self, sequence: Sequence) -> TrackingCounts:
-        """Return the statistics of one sequence. Raises MetricError where an id is missing or twice in a frame (GT003),
-        or labels are of another benchmark.
-        """
+        """Return statistics. MetricError: an id is missing or twice in a frame (GT003), labels of another benchmark."""
         found = problems(sequence, self.preparation, self.match)
         names = (rule.name for rule in self.preparation.classes)
         return TrackingCounts({name: self.count(one) for name, one in zip(names, found, strict=True)})
 
+    @abstractmethod
     def count(self, problem: Problem) -> ClassCounts:
         """Count one class."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -140,17 +139,12 @@ class TrackEvalProfile(TracksProfile):
             for field in block.fields
         ]
 
-    def clear_rules(self) -> ClearRules:
-        """Return the rules of CLEAR with the floor of the match."""
-        offset = 2 * self.match.threshold if self.match.is_distance else 0.0
-        return replace(self.rules, floor=self.match.floor, offset=offset)
-
     def count(self, problem: Problem) -> ClassCounts:
         """Count one class."""
-        return ClassCounts(
-            clear_counts(problem, self.clear_rules()), identity_counts(problem, self.match.floor),
-            hota_counts(replace(problem, similarity=overlaps(problem, self.match))), problem.num_estimate_ids,
-        )  # fmt: skip
+        match = self.match
+        rules = replace(self.rules, floor=match.floor, offset=2 * match.threshold if match.is_distance else 0.0)
+        clear, identity = clear_counts(problem, rules), identity_counts(problem, match.floor)
+        return ClassCounts(clear, identity, hota_counts(problem.overlaps(match)), problem.num_estimate_ids)
 
 
 _AS = "as TrackEval 1.3.0 counts"

@@ -21,7 +21,7 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_body
-from fbench.replay.geometry.iou import iou_bev
+from fbench.replay.geometry.iou import common_areas, iou_bev
 
 _PART = 0.5  # Up to this share of a box may lie in a surer one without consequence: objects hide each other
 _LEAST = 0.01  # Left of the score of a box that lies in a surer one as a whole
@@ -143,9 +143,8 @@ def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:
         own, scores = list(group), list[float]()
         # Share (N, N) of each box that another one, which it isn't in front of, covers.
         xyxy = np.array([s.xyxy_px for s in own])
-        low, high = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2]), np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
         area = np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
-        covered = np.prod(np.maximum(high - low, 0.0), axis=2) / np.maximum(area, 1e-9)[:, None]
+        covered = common_areas(xyxy, xyxy) / np.maximum(area, 1e-9)[:, None]
         share = np.where(xyxy[:, None, 3] > xyxy[None, :, 3] + _IN_FRONT_PX, 0.0, covered)
         for at, s in enumerate(own):
             surer = [k for k, other in enumerate(scores) if other >= s.score]

@@ -22,7 +22,7 @@ from fbench.replay.data.messages import Image
 from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.geometry.camera import require_projection
-from fbench.replay.geometry.iou import iou_2d
+from fbench.replay.geometry.iou import common_areas, iou_2d
 from fbench.replay.geometry.kernels import num_threads
 
 
@@ -103,8 +103,7 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
     boxes = Candidates.join([*parts, NO_CANDIDATES]).sort()[:MAX_BOXES]
     group = np.where(np.isin(boxes.label, VEHICLES), "vehicle", boxes.label)
     xyxy = boxes.xyxy
-    low, high = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2]), np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
-    overlap, area = np.prod(np.clip(high - low, 0, None), axis=2), np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
+    overlap, area = common_areas(xyxy, xyxy), np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
     rivals = (iou_2d(xyxy, xyxy) > iou) | (overlap / np.minimum(area[:, None], area[None, :]) > containment)
     rivals &= group[:, None] == group[None, :]
     alive = np.ones(len(boxes), bool)

@@ -1,7 +1,7 @@
 """The interface of codecs: payloads of one encoding to messages, transforms, calibrations and truth."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from fbench.replay.data.messages import Message, Truth
@@ -20,6 +20,14 @@ class TruthPart:
     """Coordinate frame of the boxes, of 2D boxes that of the camera; empty: the body, and cameras by name."""
     frame_ids: tuple[str, ...] = ()
     """Coordinate frame of each 3D box, where they are in several; `frame_id` is one of them."""
+
+
+def split_truth(truth: Truth) -> Iterator[TruthPart]:
+    """Yield 3D boxes first, also where they are absent, which says that 2D ones follow."""
+    has_2d = truth.boxes2d is not None
+    yield TruthPart(replace(truth, boxes2d=None), is_2d=False, expects_2d=has_2d)
+    if has_2d:
+        yield TruthPart(replace(truth, boxes3d=None), is_2d=True)
 
 
 def part_of(truth: Truth, frame_ids: tuple[str, ...], otherwise: str = "") -> TruthPart:

@@ -3,8 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.datasets.nuscenes.sensors import read_echoes
+from fbench.datasets.nuscenes.sensors import read_scan
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.messages import RadarScan
 
 HEADER = b"""# .PCD v0.7 - Point Cloud Data file format
 VERSION 0.7
@@ -27,9 +28,17 @@ def write(folder: Path, data: bytes) -> Path:
     return path
 
 
+def read_echoes(path: Path, filtered: bool) -> RadarScan:
+    scan, num_dropped = read_scan(path, "radar", 0, filtered)
+    assert num_dropped == 0
+    return scan
+
+
 def test_an_echo_at_the_sensor_has_no_line_of_sight(tmp_path: Path) -> None:
     echoes = read_echoes(write(tmp_path, HEADER + BODY), filtered=False)
     assert echoes.xyz.tolist() == [[3, 4, 0], [0, 0, 0]]
+    assert echoes.radial_velocity_mps is not None
+    assert echoes.rcs_dbsm is not None
     assert echoes.radial_velocity_mps[0] == pytest.approx(2.2)
     assert np.isnan(echoes.radial_velocity_mps[1])
     assert echoes.rcs_dbsm.tolist() == [5, 1]
@@ -45,7 +54,6 @@ def test_a_scan_without_echoes_holds_nan(tmp_path: Path) -> None:
     body = np.full((2, 6), np.nan, "<f4").tobytes()
     echoes = read_echoes(write(tmp_path, HEADER + body), filtered=False)
     assert echoes.xyz.shape == (0, 3)
-    assert echoes.num_dropped == 0
 
 
 def test_no_points_at_all(tmp_path: Path) -> None:

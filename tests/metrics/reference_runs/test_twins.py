@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fbench.metrics.reference_runs.rows import names_of, stack
+from fbench.metrics.files.logs import stack
+from fbench.metrics.reference_runs.rows import names_of
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.formats.sequence import pair_boxes
 
@@ -29,7 +30,7 @@ def test_twins_are_those_of_each_frame(seed):
     rng = np.random.Generator(np.random.PCG64(seed))
     flat, solid = [flats(rng, n) for n in rng.integers(0, 9, 6)], [solids(rng, n) for n in rng.integers(0, 9, 6)]
     frames = [np.repeat(np.arange(6), sizes) for sizes in ([*map(len, flat)], [*map(len, solid)])]
-    together = stack(flat, Boxes2D.empty()), stack(solid, Boxes3D.empty())
+    together = stack(flat, Boxes2D.empty())[0], stack(solid, Boxes3D.empty())[0]
     found = pair_boxes(*together, *frames)
     starts = np.cumsum([0, *(len(part) for part in solid)])
     expected = [np.where(m < 0, -1, m + s) for m, s in zip(map(pair_boxes, flat, solid), starts, strict=False)]
@@ -39,11 +40,11 @@ def test_twins_are_those_of_each_frame(seed):
 def test_what_only_some_frames_tell_is_unknown_in_others():
     rng = np.random.Generator(np.random.PCG64(0))
     plain = Boxes2D(np.array(["other"]), np.zeros((1, 4)))
-    both = stack([plain, Boxes2D.empty(), flats(rng, 2)], Boxes2D.empty())
+    both, _ = stack([plain, Boxes2D.empty(), flats(rng, 2)], Boxes2D.empty())
     assert both.camera.tolist() == ["other", "cam", "cam"]
     assert (both.track_id[0], both.source_label[0], both.ignore[0]) == (-1, "", False)
     assert both.score is None
-    assert len(stack([Boxes3D.empty()], Boxes3D.empty())) == 0
+    assert len(stack([Boxes3D.empty()], Boxes3D.empty())[0]) == 0
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Runs together: counts are added, slices by what logs say of themselves."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import reduce
 from itertools import permutations
@@ -47,6 +48,53 @@ def table(rows: list[Score]) -> dict[tuple[str, str, str], Score]:
 def test_one_run_scores_as_it_does_alone(tmp_path: Path) -> None:
     run = written(tmp_path, "a", [Case(RIGHT, CAR), Case(WRONG, CAR), Case(RIGHT)], seed="3")
     assert combine_runs(measured(run)) == score_run(run, ScoreOptions(), METRICS)
+
+
+class Detected:
+    """Mean number of detections in a frame."""
+
+    def scores(self, run: Run, options: ScoreOptions) -> list[Score]:
+        counts = {"boxes": len(run.detections.frames), "frames": len(run.frames), "empty": 0}
+        value = counts["boxes"] / counts["frames"]
+        return [Score("detected", "vehicle", "all", "none", value, None, "1", counts)]
+
+
+class Added(Detected):
+    def value_of(self, metric: str, counts: Mapping[str, int | float]) -> float | None:
+        return counts["boxes"] / counts["frames"] if metric == "detected" else None
+
+
+@pytest.mark.parametrize("metric", [Detected(), Added()])
+def test_metrics_of_plugins_are_there_for_several_runs_too(tmp_path: Path, metric: Detected) -> None:
+    runs = [
+        written(tmp_path, "a", [Case(RIGHT, CAR)] * 3),
+        written(tmp_path, "b", [Case(RIGHT, CAR), Case(RIGHT[:0], CAR)]),
+    ]
+    parts = [measure_run(run, ScoreOptions(), metrics=(*METRICS, metric)) for run in runs]
+    rows = [row for row in combine_runs(parts) if row.metric == "detected"]
+    assert [(row.slice, row.counts) for row in rows] == [
+        ("all", {"boxes": 4, "frames": 5, "empty": 0}),
+        ("log a", {"boxes": 3, "frames": 3, "empty": 0}),
+        ("log b", {"boxes": 1, "frames": 2, "empty": 0}),
+    ]
+    adds = isinstance(metric, Added)
+    assert [row.value for row in rows] == [0.8 if adds else None, 1.0, 0.5]
+    assert rows[0].reason == (None if adds else "Detected doesn't say what counts of several runs give (value_of)")
+    (alone,) = (row for row in combine_runs(parts[:1]) if row.metric == "detected")
+    assert [alone] == metric.scores(runs[0], ScoreOptions())
+    assert [row for row in combine_runs(parts) if row.metric != "detected"] == combine_runs(measured(*runs))
+
+
+def test_installed_metrics_score_several_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "outsider-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: outsider\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[fbench.metrics]\ndetected = tests.metrics.runs.test_combine:Added\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    runs = [written(tmp_path, name, [Case(RIGHT, CAR)] * num) for name, num in (("a", 3), ("b", 1))]
+    rows = score(ScoreRequest([run.folder for run in runs])).rows
+    (found,) = (row for row in rows if row.metric == "detected" and row.slice == "all")
+    assert (found.value, found.counts["frames"]) == (1.0, 4)
 
 
 def test_counts_are_added_not_ratios_averaged(tmp_path: Path) -> None:

@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from tests.metrics.tracking.problems_by_hand import sequence, track
 
-from fbench.metrics.core.similarity import Blocks
 from fbench.metrics.profiles.trackeval.fields import alpha_fields, identity_fields, mean_fields
-from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, overlaps, problems
+from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, problems
 from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI
 from fbench.metrics.tracking.hota import ALPHAS, hota_counts
 from fbench.metrics.tracking.identity import IdentityCounts, identity_counts
@@ -30,11 +29,10 @@ def dense(one, floor):
     """The definition: a square matrix in which each track may stay alone (Ristani et al. 2016)."""
     g, e = one.num_truth_ids, one.num_estimate_ids
     common = np.zeros((g, e))
-    blocks = Blocks(one.truth_start, one.estimate_start, one.block_start, one.similarity)
-    for step in range(one.num_steps):
-        rows = slice(*one.truth_start[step : step + 2])
-        columns = slice(*one.estimate_start[step : step + 2])
-        for i, j in zip(*np.nonzero(blocks.block(step) >= floor), strict=True):
+    for step in range(len(one.stream)):
+        rows = slice(*one.pairs.row_start[step : step + 2])
+        columns = slice(*one.pairs.column_start[step : step + 2])
+        for i, j in zip(*np.nonzero(one.pairs.block(step) >= floor), strict=True):
             common[one.truth_id[rows][i], one.estimate_id[columns][j]] += 1
     sizes = np.bincount(one.truth_id, minlength=g), np.bincount(one.estimate_id, minlength=e)
     cost = np.full((g + e, g + e), 1e9)
@@ -42,8 +40,9 @@ def dense(one, floor):
     cost[range(g), range(e, e + g)] = sizes[0]
     cost[range(g, g + e), range(e)] = sizes[1]
     cost[g:, e:] = 0
-    tp = (one.num_truth + one.num_estimates - cost[linear_sum_assignment(cost)].sum()) / 2
-    return IdentityCounts(int(tp), one.num_truth - int(tp), one.num_estimates - int(tp))
+    num_truth, num_estimates = one.pairs.shape
+    tp = (num_truth + num_estimates - cost[linear_sum_assignment(cost)].sum()) / 2
+    return IdentityCounts(int(tp), num_truth - int(tp), num_estimates - int(tp))
 
 
 def test_identity_is_the_best_global_assignment():
@@ -111,7 +110,7 @@ def test_distances_rate_by_how_far_below_the_threshold_they_are():
     one = Sequence("s", Steps.of_one_stream(3), solid([0, 0, 0]), solid([0, 1, 3]))
     match = Match("bev", 2)
     (first, _) = problems(one, TRACKEVAL_KITTI.preparation, match)
-    assert overlaps(first, match).tolist() == [1, 0.5, 0]
+    assert first.overlaps(match).pairs.values.tolist() == [1, 0.5, 0]
     rows = TRACKEVAL_KITTI.with_match(match).scores(TRACKEVAL_KITTI.with_match(match).measure(one), "all")
     found = {(r.metric, r.slice): r for r in rows if r.class_ == "car"}
     assert found["motp", "all"].value == 0.5

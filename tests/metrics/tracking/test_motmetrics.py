@@ -56,6 +56,6 @@ def test_pairs_match_where_1_less_the_overlap_is_the_threshold_or_less():
     truth, results = (mot_objects(f"1,1,{left},0,15,40,1,1\n", True) for left in (1.1, 6.1))
     sequence = Sequence("s", Steps.of_one_stream(1), truth, results)
     (own,) = problems(sequence, MOTMETRICS.preparation, MOTMETRICS.match)
-    assert own.similarity.tolist() == [np.nextafter(0.5, 0)]
+    assert own.pairs.values.tolist() == [np.nextafter(0.5, 0)]
     counts = MOTMETRICS.measure(sequence).classes["object"]
     assert (counts.clear.tp, counts.identity.tp) == (1, 1)

@@ -11,7 +11,6 @@ from fbench.replay.conditions.weather import (
     koschmieder_per_m,
     radar_loss_db,
     rain_extinction_per_m,
-    through_air,
     transmission,
 )
 from fbench.replay.contracts.errors import ConfigError
@@ -76,20 +75,11 @@ def test_fog_and_rain_add_up():
     assert extinction_per_m(Weather()) == pytest.approx(1.498e-4, rel=1e-3)
 
 
-def test_air_replaces_light_by_its_own():
-    light, airlight = np.array([[0.1, 0.2, 0.9], [1.0, 0.0, 0.5]]), np.array([0.8, 0.8, 0.9])
-    np.testing.assert_array_equal(through_air(light, np.array([1.0, 1.0]), airlight), light)
-    np.testing.assert_array_equal(through_air(light, np.array([0.0, 0.0]), airlight), [airlight, airlight])
-    np.testing.assert_allclose(through_air(light, np.array([0.5, 1.0]), airlight)[0], [0.45, 0.5, 0.9])
-
-
-def test_contrast_falls_by_beer_and_lambert():
-    """Of a dark and a bright thing at one depth, the difference is what comes through."""
-    weather, airlight = Weather(visibility_m=150.0), np.array([0.7, 0.7, 0.7])
+def test_light_falls_by_beer_and_lambert():
+    weather = Weather(visibility_m=150.0)
     for distance_m in (10.0, 50.0, 150.0):
         share = transmission(weather, np.array([distance_m, distance_m]))
-        dark, bright = through_air(np.array([[0.0] * 3, [1.0] * 3]), share, airlight)
-        np.testing.assert_allclose(bright - dark, np.exp(-np.log(20) * distance_m / 150), rtol=1e-12)
+        np.testing.assert_allclose(share, np.exp(-np.log(20) * distance_m / 150), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

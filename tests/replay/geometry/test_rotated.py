@@ -6,7 +6,7 @@ from tests.replay.geometry.box_pairs import degenerate, ordinary, shapely_iou_be
 
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.geometry.iou import flat_iou, iou_3d, iou_bev
+from fbench.replay.geometry.iou import flat_iou, iou_bev, upright
 
 
 def box(x: float, y: float, length: float, width: float, yaw: float, z: float = 0.0, height: float = 1.0) -> Boxes3D:
@@ -16,6 +16,11 @@ def box(x: float, y: float, length: float, width: float, yaw: float, z: float = 
 def of_pairs(a: Float64, b: Float64, solid: bool = False) -> Float64:
     each = np.arange(len(a) + 1)
     return flat_iou(a, b, each, each, solid)
+
+
+def iou_3d(a: Boxes3D, b: Boxes3D) -> Float64:
+    starts = (np.array([0, len(boxes)], np.int64) for boxes in (a, b))
+    return flat_iou(upright(a), upright(b), next(starts), next(starts), solid=True).reshape(len(a), len(b))
 
 
 def test_hand_values_from_above() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.reports.preview.collect import Spread
-from fbench.reports.preview.sample import Arrival, Instant, Material
+from fbench.reports.preview.sample import Instant, Material
 from fbench.reports.preview.times import sensor_times, span_axes, ticks, time_panel
 
 MS = 1_000_000
@@ -18,8 +18,8 @@ def material(num=12, shift_ms=0.0, delay_ms=5.0, drift_ms=0.0, missing=None):
     instants = [Instant(i, s, {"lidar": s, "cam": c}) for i, (s, c) in enumerate(zip(stamps, camera, strict=True))]
     late = [round((delay_ms + drift_ms * i / max(1, num - 1)) * MS) for i in range(num)]
     arrivals = {
-        "lidar": [Arrival(s, s + 5 * MS) for s in stamps],
-        "cam": [Arrival(c, c + d) for c, d in zip(camera, late, strict=True)],
+        "lidar": [(s, s + 5 * MS) for s in stamps],
+        "cam": [(c, c + d) for c, d in zip(camera, late, strict=True)],
     }
     kinds = {"lidar": "lidar", "cam": "camera", "silent": "radar"}
     return Material(

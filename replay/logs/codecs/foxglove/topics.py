@@ -11,7 +11,7 @@ from google.protobuf.message import Message as Proto
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import CameraModel, Rig
-from fbench.replay.logs.codecs.codec import TruthPart
+from fbench.replay.logs.codecs.codec import TruthPart, split_truth
 from fbench.replay.logs.codecs.foxglove import messages
 from fbench.replay.logs.codecs.foxglove.proto import parse, timestamp
 from fbench.replay.logs.codecs.foxglove.truth import boxes_proto
@@ -54,10 +54,7 @@ def message_records(message: Message | Truth) -> Iterator[Record]:
     """
     numbered = {} if message.frame_number is None else {FRAME_NUMBER: SEQUENCE}
     if isinstance(message, Truth):
-        has_2d = message.boxes2d is not None
-        yield part_record(TruthPart(message, is_2d=False, expects_2d=has_2d))
-        if has_2d:
-            yield part_record(TruthPart(message, is_2d=True))
+        yield from map(part_record, split_truth(message))
         return
     kind, _, encode = _FORMS[type(message)]
     proto = encode(message)

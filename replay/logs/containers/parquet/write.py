@@ -1,7 +1,6 @@
 """Writing of Parquet logs: a folder with one file a stream, and `log.json` with checksums of all."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -11,7 +10,7 @@ from fbench.replay.contracts.errors import ConfigError, DataError, LogError
 from fbench.replay.data.files import Draft, sync
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
-from fbench.replay.logs.codecs.codec import TruthPart
+from fbench.replay.logs.codecs.codec import TruthPart, split_truth
 from fbench.replay.logs.container import Channel, Entry
 from fbench.replay.logs.containers.limits import check_storable
 from fbench.replay.logs.containers.parquet import log_json, stream_write
@@ -87,10 +86,8 @@ class ParquetWriter:
         stamp, frame number or text can't be stored, or the message is too large.
         """
         if isinstance(message, Truth):
-            has_2d = message.boxes2d is not None
-            self.write_part(TruthPart(replace(message, boxes2d=None), is_2d=False, expects_2d=has_2d))
-            if has_2d:
-                self.write_part(TruthPart(replace(message, boxes3d=None), is_2d=True))
+            for part in split_truth(message):
+                self.write_part(part)
             return
         where = check_storable(self.path, message)
         kind, sensor = _KINDS[type(message)], message.sensor

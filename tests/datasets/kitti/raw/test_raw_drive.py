@@ -33,15 +33,17 @@ def rectified(cameras):
 
 
 def test_drives_are_found_from_any_folder(drive):
-    assert raw.names(drive.root) == raw.names(drive.date) == raw.names(drive.folder) == [NAME]
+    assert (
+        [*raw.find_drives(drive.root)] == [*raw.find_drives(drive.date)] == [*raw.find_drives(drive.folder)] == [NAME]
+    )
     (drive.root / "2011_09_28" / "2011_09_28_drive_0016_extract").mkdir(parents=True)
     (drive.date / "2011_09_26_drive_0001_notes").mkdir()
-    assert raw.names(drive.root) == [NAME, "2011_09_28_drive_0016_extract"]
+    assert [*raw.find_drives(drive.root)] == [NAME, "2011_09_28_drive_0016_extract"]
 
 
 def test_no_drive_is_found_elsewhere(tmp_path):
-    assert raw.names(tmp_path) == []
-    assert raw.names(tmp_path / "none") == []
+    assert [*raw.find_drives(tmp_path)] == []
+    assert [*raw.find_drives(tmp_path / "none")] == []
 
 
 @pytest.mark.parametrize("attribute", ["root", "date", "folder"])

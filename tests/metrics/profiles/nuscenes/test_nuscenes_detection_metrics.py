@@ -264,5 +264,5 @@ def test_helpers_of_curves() -> None:
     assert cumulative_mean(np.array([math.nan, 2.0, math.nan, 4.0])).tolist() == [0.0, 2.0, 2.0, 3.0]
     assert cumulative_mean(np.array([math.nan])).tolist() == [1.0]
     curve = precision_curve(np.array([0.9]), np.array([True]), 2)
-    assert curve.last == 50
+    assert np.flatnonzero(curve.confidence).tolist() == list(range(51))  # up to the recall achieved
     assert average_precision(np.full(101, 0.05), 0.1, 0.1) == 0.0
