@@ -4,6 +4,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from fbench.pipelines.tracking.kalman import States
+from fbench.pipelines.tracking.kernels import generalize_iou, one_layout, overlaps
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.iou import flat_iou, iou_2d
 
@@ -71,9 +72,7 @@ def footprint_iou(a: Float64, b: Float64, solid: bool = False) -> Float64:
 
 def image_iou(a: Array, b: Array) -> Float64:
     """Overlap (N, M) of rectangles (N, 4) and (M, 4): left, top, right, bottom."""
-    from fbench.pipelines.tracking.kernels import overlaps  # numba takes a while to import
-
-    return overlaps(np.array(a, np.float64, order="C"), np.array(b, np.float64, order="C"))
+    return overlaps(one_layout(a), one_layout(b))
 
 
 def giou_2d(a: Array, b: Array) -> Float64:
@@ -92,6 +91,4 @@ def giou_3d(a: Float64, b: Float64) -> Float64:
     """Generalized IoU (N, M) in space of upright boxes (N, 7) and (M, 7): center, size, heading; see `giou_2d`. The
     hull is that of both footprints, from the lower bottom to the higher top; -1 where boxes aren't finite.
     """
-    from fbench.pipelines.tracking.kernels import generalize_iou  # numba takes a while to import
-
     return generalize_iou(np.ascontiguousarray(a), np.ascontiguousarray(b), footprint_iou(a, b, solid=True))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.tracking.kernels import correct_states, one_layout, predict_states
 from fbench.replay.data.arrays import Float64, Int64
 
 PLACE, RATE, PLACE_VAR, COVARIANCE, RATE_VAR = range(5)
@@ -29,20 +30,17 @@ class States:
     @property
     def place(self) -> Float64:
         """(T, m) what is measured."""
-        place: Float64 = self.values[PLACE]
-        return place
+        return np.asarray(self.values[PLACE])
 
     @property
     def rate(self) -> Float64:
         """(T, m) its change in a second."""
-        rate: Float64 = self.values[RATE]
-        return rate
+        return np.asarray(self.values[RATE])
 
     @property
     def place_var(self) -> Float64:
         """(T, m) variance of `place`."""
-        place_var: Float64 = self.values[PLACE_VAR]
-        return place_var
+        return np.asarray(self.values[PLACE_VAR])
 
     def rows(self, rows: Int64) -> "States":
         """Select tracks by index."""
@@ -68,27 +66,18 @@ def predict(states: States, dt_s: float, drift_std: Float64) -> States:
     Rates do a random walk with a standard deviation of `drift_std` (m,) or (T, m) after one second: for each
     component Q = drift_std^2 [[dt^3 / 3, dt^2 / 2], [dt^2 / 2, dt]] (Bar-Shalom et al., Estimation, 2001, 6.2.2).
     """
-    from fbench.pipelines.tracking.kernels import predict_states  # numba takes a while to import
-
-    return States(predict_states(_steady(states.values), dt_s, dt_s**2, dt_s**3, _each(drift_std, states)))
+    return States(predict_states(one_layout(states.values), dt_s, dt_s**2, dt_s**3, _each(drift_std, states)))
 
 
 def update(states: States, measured: Float64, measured_std: Float64) -> States:
     """Correct each state with one measurement, (T, m)."""
-    from fbench.pipelines.tracking.kernels import correct_states  # numba takes a while to import
-
-    return States(correct_states(_steady(states.values), _steady(measured), _each(measured_std, states)))
+    return States(correct_states(one_layout(states.values), one_layout(measured), _each(measured_std, states)))
 
 
 def _each(std: Float64, states: States) -> Float64:
     each = np.empty(states.values.shape[1:])
     each[:] = std
     return each
-
-
-def _steady(values: Float64) -> Float64:
-    """One kind of array, for which the kernels are compiled once."""
-    return np.array(values, np.float64, order="C")
 
 
 def join(first: States, second: States) -> States:

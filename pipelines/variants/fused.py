@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
@@ -21,8 +21,7 @@ from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
-from fbench.pipelines.tracking.tracks import B, Tracker
+from fbench.pipelines.tracking.trackers import B, Tracker, Tracker2D, Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
@@ -59,7 +58,7 @@ class AllSensorsParams(CheckedParams):
 class FusionPipeline(TrackingPipeline[B]):
     """Cameras and two other kinds of sensors, whose branches run in parallel."""
 
-    def __init__(self, params: AllSensorsParams, camera_share: float, tracker: Tracker[B]) -> None:
+    def __init__(self, params: AllSensorsParams, camera_share: float, tracker: Tracker[B, Any]) -> None:
         super().__init__(tracker, params.detect_every)
         self._cameras, self._branches = CameraStage(params.camera, camera_share), Branches()
 
