@@ -63,7 +63,8 @@ class Camera2D(TrackingPipeline[Boxes2D]):
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         faults = list[Fault]()
         seen = self._cameras.view(frame, clock, faults)
-        boxes = concatenate([no_detections(), *(camera_boxes(name, found) for name, found in seen.items())])
+        none = CameraDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1"))  # gives all frames the same fields
+        boxes = concatenate([camera_boxes(name, found) for name, found in {"": none, **seen}.items()])
         return Detected(boxes, tuple(faults))
 
 
@@ -77,8 +78,3 @@ def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:
         score=found.score,
         sources=np.full(num, int(Source.C), np.uint8),
     )
-
-
-def no_detections() -> Boxes2D:
-    """No boxes, with the same fields as others, so that tables of all frames are alike."""
-    return camera_boxes("", CameraDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1")))

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
@@ -11,7 +11,7 @@ from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams, CameraStage
+from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
 from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, projectable
 from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage
@@ -28,9 +28,6 @@ from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.geometry.stereo_pairs import pairs
-
-First = TypeVar("First")
-Second = TypeVar("Second")
 
 
 @dataclass(frozen=True)
@@ -73,20 +70,11 @@ class FusionPipeline(TrackingPipeline[B]):
         self.missing = self._cameras.missing
 
     def _view(
-        self,
-        frame: Frame,
-        clock: StageClock,
-        faults: list[Fault],
-        a: Callable[[Frame, StageClock], First],
-        b: Callable[[Frame, StageClock], Second],
-    ) -> tuple[dict[str, CameraDetections], First, Second]:
-        """Return what the cameras see, by name, and what `a` and `b` give; a corrupt image is one of the `faults`."""
-        return self._branches.run(
-            clock,
-            lambda clock: self._cameras.view(frame, clock, faults),
-            lambda clock: a(frame, clock),
-            lambda clock: b(frame, clock),
-        )
+        self, frame: Frame, clock: StageClock, faults: list[Fault], *others: Callable[[Frame, StageClock], Any]
+    ) -> tuple[Any, ...]:
+        """Return what the cameras see, by name, and what `others` give; a corrupt image is one of the `faults`."""
+        views: list[Callable[..., Any]] = [partial(self._cameras.view, faults=faults), *others]
+        return self._branches.run(clock, *(partial(view, frame) for view in views))
 
 
 @dataclass(frozen=True)
