@@ -17,11 +17,11 @@ from fbench.pipelines.fusion.early.groups import (
     group_points,
     label_points,
 )
-from fbench.pipelines.fusion.observations import AT_MIN_SCORE
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, are_one
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.contracts.params import CheckedParams, bounded
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 
 _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
@@ -112,7 +112,7 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
     )
     order = np.lexsort((*found.center_m.T[::-1], -score))
     order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
-    same, kept = _are_one(found[order], params.merge_m), list[int]()
+    same, kept = are_one(found[order], params.merge_m), list[int]()
     for row in range(len(order)):
         if not same[row, kept].any():
             kept.append(row)
@@ -164,15 +164,3 @@ def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
         points = points[cloud.is_moving[points]]
         result[row] = median_rate(cloud.range_rate_mps[points], cloud.period_mps[points])
     return result
-
-
-def _are_one(boxes: Boxes3D, merge_m: float) -> Bool:
-    """Which pairs (N, N) of boxes are one object: centers are near, or that of one lies in the other."""
-    offset = boxes.center_m[None, :, :2] - boxes.center_m[:, None, :2]
-    cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
-    along = np.abs(offset[..., 0] * cos + offset[..., 1] * sin)
-    across = np.abs(offset[..., 1] * cos - offset[..., 0] * sin)
-    half = boxes.size_lwh_m[:, None, :2] / 2
-    holds = (along <= half[..., 0]) & (across <= half[..., 1])
-    near = np.hypot(offset[..., 0], offset[..., 1]) < merge_m
-    return np.asarray(near | holds | holds.T, np.bool_)

@@ -1,17 +1,17 @@
 """Late fusion in 3D: objects that sensors detect on their own, merged in body coordinates."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 
+from fbench.pipelines.fusion import observations
 from fbench.pipelines.fusion.kernels import count_near
 from fbench.pipelines.fusion.late.association import Association, associate
 from fbench.pipelines.fusion.late.existence import Evidence, FusionParams, lidar_weight, probabilities
 from fbench.pipelines.fusion.late.place import FusedObject, Observations, place
-from fbench.pipelines.fusion.observations import CameraObservation, observe_camera, sort_clusters
+from fbench.pipelines.fusion.observations import CameraObservation, are_one
 from fbench.pipelines.fusion.reliability import SensorReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
@@ -113,15 +113,15 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
     rig, lidar, radar = views.rig, views.lidar, views.radar
     cameras = list[CameraObservation]()
     for name in sorted(views.cameras):
-        cameras += observe_camera(rig, name, views.cameras[name], lidar.plane, params.association)
+        cameras += observations.observe_camera(rig, name, views.cameras[name], lidar.plane, params.association)
     cameras = lower_nested(cameras)
     cameras.sort(key=lambda s: (s.camera, *s.xyxy_px.tolist(), s.label, s.score))
-    of_radar = sort_clusters(radar.xyz, radar.cluster, radar.boxes)
+    of_radar = observations.sort_clusters(radar.xyz, radar.cluster, radar.boxes)
     return Observations(
         rig=rig,
         working=tuple(sorted(views.cameras)),
         cameras=cameras,
-        lidar=sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes),
+        lidar=observations.sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes),
         radar=of_radar,
         plane=lidar.plane,
         lidar_eye_m=viewpoint(rig, "lidar"),
@@ -143,10 +143,9 @@ def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:
         own, scores = list(group), list[float]()
         # Share (N, N) of each box that another one, which it isn't in front of, covers.
         xyxy = np.array([s.xyxy_px for s in own])
-        low, high = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2]), np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
-        area = np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
-        covered = np.prod(np.maximum(high - low, 0.0), axis=2) / np.maximum(area, 1e-9)[:, None]
-        share = np.where(xyxy[:, None, 3] > xyxy[None, :, 3] + _IN_FRONT_PX, 0.0, covered)
+        share = np.where(
+            xyxy[:, None, 3] > xyxy[None, :, 3] + _IN_FRONT_PX, 0.0, observations.inside_shares(xyxy, xyxy)
+        )
         for at, s in enumerate(own):
             surer = [k for k, other in enumerate(scores) if other >= s.score]
             factor = min(max((1.0 - float(share[at, surer].max(initial=0.0))) / (1.0 - _PART), _LEAST), 1.0)
@@ -162,11 +161,11 @@ def _standing_distances(rig: Rig, seen: list[CameraObservation], loose: Float64)
     NaN where they say nothing: that at which most of them lie within some meters, by how likely the image makes it.
     """
     result = []
-    for camera, observations in groupby(seen, key=lambda s: s.camera):
+    for camera, group in groupby(seen, key=lambda s: s.camera):
         uv, _ = project_body(rig, camera, loose)
         eye = rig.body_T_sensor(camera)[:2, 3]
         reach = np.hypot(loose[:, 0] - eye[0], loose[:, 1] - eye[1])
-        for s in observations:
+        for s in group:
             rows = np.flatnonzero((uv[:, 0] > s.xyxy_px[0]) & (uv[:, 0] < s.xyxy_px[2]))
             deviation = np.log(np.maximum(reach[rows], 0.1) / s.near_m) / s.std
             inside = np.abs(deviation) < _GATE
@@ -205,32 +204,12 @@ def _keep_apart(objects: list[FusedObject]) -> list[FusedObject]:
     both = iou * (area[:, None] + area[None, :]) / (1 + iou)
     # Share of the smaller of two footprints that the other one covers.
     covered = both / np.maximum(np.minimum(area[:, None], area[None, :]), 1e-9)
-    kept: list[int] = []
+    width, kept = boxes.size_lwh_m[:, 1], list[int]()
+    same = (covered > _COVERED) | are_one(boxes, (width[:, None] + width[None, :]) / 2)
     for i, found in enumerate(ordered):
-        rivals = [(k, ordered[k]) for k in kept]
-        if not any(
-            covered[i, k] > _COVERED
-            or are_one(found, other, float(found.size_lwh_m[1] + other.size_lwh_m[1]) / 2)
-            or _are_in_line(found, other)
-            for k, other in rivals
-        ):
+        if not same[i, kept].any() and not any(_are_in_line(found, ordered[k]) for k in kept):
             kept.append(i)
     return [ordered[i] for i in kept]
-
-
-def are_one(a: FusedObject, b: FusedObject, merge_m: float) -> bool:
-    """Whether two boxes show one object: centers nearer than `merge_m`, or the center of one inside the other. The
-    latter matters for long vehicles, of which radar shows only the near end.
-    """
-    distance = math.hypot(*(float(p - q) for p, q in zip(a.center_m[:2], b.center_m[:2], strict=True)))
-    return distance < merge_m or _holds(a, b) or _holds(b, a)
-
-
-def _holds(box: FusedObject, other: FusedObject) -> bool:
-    east, north = (other.center_m - box.center_m)[:2]
-    cos, sin = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-    along, across = abs(east * cos + north * sin), abs(north * cos - east * sin)
-    return bool(along <= box.size_lwh_m[0] / 2 and across <= box.size_lwh_m[1] / 2)
 
 
 def _are_in_line(found: FusedObject, other: FusedObject) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, complete, fading
+from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, center_offsets, complete, fading
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, bounded, require_between
 from fbench.replay.data.arrays import Float64, Int64, Text
@@ -251,11 +251,8 @@ def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
     # Scores count times the probability that none of the likelier boxes around their middles is there: where two parts
     # of one vehicle are two clusters, both are completed to all of it. Of equal scores the first counts.
     score = np.zeros(0) if boxes.score is None else boxes.score
-    offset = boxes.center_m[:, None, :2] - boxes.center_m[None, :, :2]
-    cos, sin = np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
-    along = np.abs(offset[..., 0] * cos + offset[..., 1] * sin)
-    across = np.abs(offset[..., 1] * cos - offset[..., 0] * sin)
-    inside = (along < boxes.size_lwh_m[:, 0] / 2) & (across < boxes.size_lwh_m[:, 1] / 2)
+    along, across = center_offsets(boxes)
+    inside = (boxes.size_lwh_m[:, 0] / 2 > along.T) & (boxes.size_lwh_m[:, 1] / 2 > across.T)
     order = np.arange(len(score))
     likelier = (score > score[:, None]) | ((score == score[:, None]) & (order < order[:, None]))
     score = score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1)

@@ -7,6 +7,7 @@ import numpy as np
 from fbench.pipelines.fusion.sizes import SIZES
 from fbench.replay.contracts.params import require_between
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.kernels import kernel
 
 
@@ -89,6 +90,14 @@ def complete_known(rectangles: Float64, along_first: Bool, viewpoint: Float64, l
 def half_turn(angle_rad: Float64) -> Float64:
     """Wrap headings [rad] to [-pi/2, pi/2)."""
     return (angle_rad + np.pi / 2) % np.pi - np.pi / 2
+
+
+def center_offsets(boxes: Boxes3D) -> tuple[Float64, Float64]:
+    """How far (N, N) [m] the center of each box, by column, lies from that of each, by row, along and across that."""
+    offset = boxes.center_m[None, :, :2] - boxes.center_m[:, None, :2]
+    cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
+    along, across = offset[..., 0] * cos + offset[..., 1] * sin, offset[..., 1] * cos - offset[..., 0] * sin
+    return np.abs(along), np.abs(across)
 
 
 def fading(value: Array, good: float, bad: float) -> Float64:
