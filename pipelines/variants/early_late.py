@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
-from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds
+from fbench.pipelines.fusion.early.cloud import DepthStage, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams
@@ -148,7 +148,7 @@ class Early3DParams(AllSensorsParams):
     the model where `judge` doesn't say otherwise. Points are grouped as `fusion.density` says, not `lidar.cluster`."""
     radar: RadarParams = field(default_factory=RadarParams)
     """How echoes are prepared and which of them move; they are grouped as `fusion.density` says."""
-    stereo_pair: Choice = "auto"
+    stereo_pair: Literal["auto", "on", "off"] = "auto"
     """Whether depth by a stereo pair joins the cloud: `on`, `off`, or `auto`, where the rig has a pair and no LiDAR."""
     stereo: StereoParams = field(default_factory=StereoParams)  # Depth by stereo.
     fusion: EarlyParams = field(default_factory=EarlyParams)  # How one cloud becomes objects.

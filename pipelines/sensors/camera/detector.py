@@ -54,9 +54,7 @@ def _share(name: str, text: str) -> float:
 
 
 Window = tuple[int, int, int, int]  # Left, top, right, bottom [px] of a part of an image; right and bottom are outside
-
 MAX_WINDOWS = 8  # A longer image is cut into windows that are wider instead, so that a strip can't fill the memory
-
 MAX_BOXES = 1000  # Candidates beyond the best 1000 of one image are dropped, so that a bad model can't fill the memory
 
 
@@ -112,9 +110,6 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
         if alive[i]:
             alive[i + 1 :] &= ~rivals[i, i + 1 :]
     return boxes[alive]
-
-
-_THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
 
 
 @dataclass(frozen=True)
@@ -184,7 +179,7 @@ class CameraDetector:
             raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
         self._params = params
         self._model = Model(params.weights, min(params.threads, num_threads()), params.input_wh)
-        asked = {name: getattr(params, name) for name in _THRESHOLDS}
+        asked = {f.name: getattr(params, f.name) for f in fields(Thresholds)}
         try:
             self._thresholds = thresholds(asked, self._model.metadata)
         except ModelError as error:
@@ -204,9 +199,7 @@ class CameraDetector:
         """
         least = share * self._thresholds.min_score
         found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, least)]
-        parts = [
-            to_image(boxes, window, prepared.size_wh) for boxes, window in zip(found, prepared.windows, strict=True)
-        ]
+        parts = [to_image(*part, prepared.size_wh) for part in zip(found, prepared.windows, strict=True)]
         merged = merge(parts, self._thresholds.nms_iou, self._thresholds.nms_containment)
         return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label, self._thresholds.min_score)
 
@@ -297,7 +290,7 @@ class CameraStage:
         Cameras without an image in the frame are left out; so are those whose image is corrupt, which is a fault. Timed
         as `decode`, `preprocess` and `detect.camera`. Raises ModelError where a model fails.
         """
-        found: dict[str, CameraDetections] = {}
+        found = dict[str, CameraDetections]()
         for name, detector in self.used.items():
             if isinstance(image := frame.messages.get(name), Image):
                 seen = look(detector, image, clock, faults, self._share)

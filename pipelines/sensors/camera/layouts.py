@@ -1,9 +1,8 @@
 """The contract of a model family: inputs, candidates, classes, and how images are fitted into the input."""
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -168,28 +167,6 @@ class ModelHeader:
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     metadata: Mapping[str, str]
-
-
-class Layout(Protocol):
-    """One family of models."""
-
-    @property
-    def batch(self) -> int | None:
-        """How many images each call takes; `None`: the header leaves it free."""
-        ...
-
-    @property
-    def input_wh(self) -> Size | None:
-        """Width and height of the input [px]; `None`: any."""
-        ...
-
-    def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
-        """Fit images (H, W, 3) BGR into the model's inputs."""
-        ...
-
-    def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
-        """Boxes of each image with at least `min_score`, in pixels from that image's upper left corner."""
-        ...
 
 
 def select(xyxy: Array, score: Array, class_id: Array, labels: ClassLabels, min_score: float) -> Candidates:
