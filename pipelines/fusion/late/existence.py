@@ -178,16 +178,13 @@ def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: F
 def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams) -> Witness:
     lidar, eye = evidence.observations.lidar, evidence.observations.lidar_eye_m
     at = np.array([g.lidar for g in evidence.associations], np.int64)
-    seen = at >= 0
-    score, points = np.zeros(len(at)), np.zeros(len(at))
-    score[seen], points[seen] = lidar.score[at[seen]], lidar.num_points[at[seen]]
+    seen, score, points = at >= 0, np.append(lidar.score, 0.0)[at], np.append(lidar.num_points, 0.0)[at]
     # A cluster that is cut says nothing about its parts' shape.
     whole = np.array([not g.is_cut for g in evidence.associations])
     score = lidar_weight(lidar, params) * np.where(whole, score, 0.0)
     confirmed = params.confirmed_lidar * saturate(points, params.full_points)
     dense = 1 / (1 + (evidence.distance_m / params.lidar_half_m) ** 4)
-    could = _in_view(evidence, eye, lidar.all_xyz, params) * dense
-    could = could * (1 - _occlusion_shares(evidence.targets, eye, obstacles, []))
+    could = dense * _open_shares(evidence, eye, lidar.all_xyz, obstacles, params)
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("lidar", "lidar", seen, odds, confirmed_odds, np.where(seen, 1.0, could))
 
@@ -195,19 +192,15 @@ def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
 def _radar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams) -> Witness:
     radar, eye = evidence.observations.radar, evidence.observations.radar_eye_m
     at = np.array([g.radar for g in evidence.associations], np.int64)
-    seen = at >= 0
     velocity = radar.boxes.velocity_mps
     moves = np.zeros(len(radar.boxes), np.bool_) if velocity is None else np.isfinite(velocity).any(axis=1)
     weight = np.where(moves, params.radar_weight, params.standing_weight)
     sure = np.where(moves, params.confirmed_radar, params.standing_weight)
-    score, confirmed = np.zeros(len(at)), np.zeros(len(at))
-    score[seen] = (weight * radar.score)[at[seen]]
-    confirmed[seen] = (sure * saturate(radar.num_points, params.full_points))[at[seen]]
-    could = _in_view(evidence, eye, radar.all_xyz, params) * (
-        1 - _occlusion_shares(evidence.targets, eye, obstacles, [])
-    )
+    score = np.append(weight * radar.score, 0.0)[at]
+    confirmed = np.append(sure * saturate(radar.num_points, params.full_points), 0.0)[at]
+    could = _open_shares(evidence, eye, radar.all_xyz, obstacles, params)
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
-    return Witness("radar", "radar", seen, odds, confirmed_odds, could)
+    return Witness("radar", "radar", at >= 0, odds, confirmed_odds, could)
 
 
 def _occlusion_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: list[CameraObservation]) -> Float64:
@@ -224,14 +217,19 @@ def _occlusion_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: 
     return occlusion_shares(nearest, np.arctan2(off[:, 1], off[:, 0]), half_rad, near)
 
 
-def _in_view(evidence: Evidence, eye_m: Float64, points: Float64, params: FusionParams) -> Bool:
-    """Whether objects (N,) are near, and in a direction in which a sensor at `eye_m` (2,) has points (M, 3)."""
+def _open_shares(
+    evidence: Evidence, eye_m: Float64, points: Float64, obstacles: Float64, params: FusionParams
+) -> Float64:
+    """Share (N,) of objects' widths that a sensor at `eye_m` (2,) sees past obstacles (K, 3), of those that are near,
+    and in a direction in which it has points (M, 3).
+    """
     center = evidence.targets.center_m
     seen = np.isfinite(nearest_by_bearing(np.ascontiguousarray(points[:, :2] - eye_m), _SECTORS))
     seen = np.any([np.roll(seen, shift) for shift in (-2, -1, 0, 1, 2)], axis=0)
     at = np.arctan2(center[:, 1] - eye_m[1], center[:, 0] - eye_m[0])
     in_sector = seen[(_bin(at) / _BINS * _SECTORS).astype(np.int64) % _SECTORS]
-    return np.asarray(in_sector & (evidence.distance_m < params.max_range_m), np.bool_)
+    in_view = in_sector & (evidence.distance_m < params.max_range_m)
+    return np.asarray(in_view * (1 - _occlusion_shares(evidence.targets, eye_m, obstacles, [])), np.float64)
 
 
 def _bin(angle_rad: Float64) -> Float64:

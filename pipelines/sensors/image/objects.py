@@ -10,7 +10,7 @@ from fbench.pipelines.sensors.image.params import ImageClusterParams, LidarImage
 from fbench.pipelines.sensors.lidar.classification import measure_inside
 from fbench.pipelines.sensors.lidar.lidar import Obstacles
 from fbench.pipelines.sensors.points.grid import lexicographic_order, median
-from fbench.pipelines.sensors.points.ground import Plane, fit_plane, height_above_ground, lowest_points, surroundings
+from fbench.pipelines.sensors.points.ground import Plane, find_ground
 from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fading, fit_rectangles
 from fbench.pipelines.sensors.radar.radar import Compensated, median_rate
 from fbench.pipelines.sensors.rows import Rows
@@ -76,12 +76,9 @@ def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: floa
         return empty_cloud()
     order = lexicographic_order(*echoes.xyz.T, echoes.range_rate_mps)
     xyz = echoes.xyz.take(order, axis=0)
-    around = surroundings(xyz, params.ground)
-    lowest, near = lowest_points(around, params.ground), around.is_near
-    plane = fit_plane(lowest, params.ground)
+    plane, near, height = find_ground(xyz, params.ground)
     if plane is None:
         return empty_cloud()
-    height = height_above_ground(around, lowest, plane, params.ground)
     tall = near & (height >= params.max_height_m) & (height < _TALL * params.max_height_m)
     rate = echoes.range_rate_mps[order]
     whole = Cloud(

@@ -6,9 +6,8 @@ from typing import Literal
 import numpy as np
 
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
-from fbench.pipelines.sensors.points import ground
 from fbench.pipelines.sensors.points.clustering import ClusterParams
-from fbench.pipelines.sensors.points.ground import GroundParams, Plane
+from fbench.pipelines.sensors.points.ground import GroundParams, Plane, find_ground
 from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, viewpoint
 from fbench.pipelines.sensors.points.vehicle import (
     HEADINGS_RAD,
@@ -104,13 +103,7 @@ def resolve_judge(params: LidarParams, log_info: LogInfo) -> LidarParams:
 
 def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
     """Take the ground away from points (N, 3) in body coordinates."""
-    around = ground.surroundings(xyz, params.ground)
-    lowest, near = ground.lowest_points(around, params.ground), around.is_near
-    plane = ground.fit_plane(lowest, params.ground)
-    if plane is None:
-        near, height = np.zeros(len(xyz), np.bool_), np.zeros(len(xyz))
-    else:
-        height = ground.height_above_ground(around, lowest, plane, params.ground)
+    plane, near, height = find_ground(xyz, params.ground)
     top = params.cluster.max_height_m
     standing = near & (height > params.ground.tolerance_m) & (height < top)
     rows, tall = np.flatnonzero(standing), np.flatnonzero(near & (height >= top) & (height < 2.5 * top))
