@@ -62,12 +62,8 @@ class Plain3D(TrackingPipeline[Boxes3D]):
             require("plain3d", tuple(kind for kind in KINDS if kind in uses), rig, log_info)
         self._sensors.start(rig, log_info)
         self._sensors.cameras.require_projections()
-        self.missing = self._sensors.cameras.missing
+        self.missing, self.weights = self._sensors.cameras.missing, self._sensors.cameras.identity
         super().start(rig, log_info)
-
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._sensors.cameras.identity
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         seen = self._sensors.view(frame, clock)

@@ -9,16 +9,9 @@ import numpy as np
 from fbench.pipelines.fusion.observations import inside_shares
 from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
 from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.image import stage
 from fbench.pipelines.sensors.image.objects import Points
-from fbench.pipelines.sensors.image.stage import (
-    SURE,
-    ImageObservations,
-    InImages,
-    Rays,
-    by_camera,
-    nearest_dense,
-    share_beyond,
-)
+from fbench.pipelines.sensors.image.stage import SURE, ImageObservations, InImages, Rays
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
@@ -133,7 +126,7 @@ class ImageFusion:
     def _view(self, camera: str, found: CameraDetections | None, others: Mapping[Source, InImages]) -> ImageView:
         parts = [view.seen[camera] for view in others.values() if camera in view.seen]
         if found is not None:
-            parts.append(by_camera(found, self._rig.cameras[camera]))
+            parts.append(stage.by_camera(found, self._rig.cameras[camera]))
         return ImageView(
             rig=self._rig,
             camera=camera,
@@ -276,7 +269,7 @@ def _point_evidence(seen: ImageObservations, at: int, points: Points) -> PointEv
     guess, std = seen.depth_m[at], seen.depth_std[at]
     if np.isfinite(guess):
         inside &= np.abs(np.log(np.maximum(points.depth_m, 0.1) / guess)) < _GATE * std
-    depth = nearest_dense(np.sort(points.depth_m[inside]), _LEAST)
+    depth = stage.nearest_dense(np.sort(points.depth_m[inside]), _LEAST)
     if np.isnan(depth):
         return None
     on_it = inside & (np.abs(points.depth_m - depth) < _AROUND_M)
@@ -325,7 +318,7 @@ def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, s
     if kind not in view.rays or np.isnan(depth_m):
         return False
     depths = view.rays[kind].depths(box)
-    return len(depths) >= _LEAST_RAYS and share_beyond(depths, depth_m - _BEFORE_M, depth_m + _BEHIND_M) > share
+    return len(depths) >= _LEAST_RAYS and stage.share_beyond(depths, depth_m - _BEFORE_M, depth_m + _BEHIND_M) > share
 
 
 def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:

@@ -78,6 +78,7 @@ class TrackingPipeline(ABC, Generic[B]):
     """
 
     missing: Mapping[str, str] = NOTHING  # Sensors that can't be used in any frame, with the reason
+    weights: Mapping[str, object] = NOTHING  # See `identity`
 
     def __init__(self, tracker: Tracker[B, Any], detect_every: int) -> None:
         self._tracker, self._interval = tracker, DetectionInterval(detect_every)
@@ -89,6 +90,10 @@ class TrackingPipeline(ABC, Generic[B]):
         """
         self._rig = rig
         self.reset("start")
+
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self.weights
 
     def _remember(self, *parts: Memory) -> None:
         """Name the sensors and fusion that remember something of earlier frames of a segment."""

@@ -1,6 +1,5 @@
 """camera2d: a detector on every camera, and a tracker per camera."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -53,12 +52,8 @@ class Camera2D(TrackingPipeline[Boxes2D]):
                 "camera2d needs a detector for this log: fbench weights get deimv2-femto, then "
                 "--set camera.weights=deimv2-femto (or the path of an ONNX file)"
             )
-        self.missing = self._cameras.missing
+        self.missing, self.weights = self._cameras.missing, self._cameras.identity
         super().start(rig, log_info)
-
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._cameras.identity
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         faults = list[Fault]()

@@ -1,6 +1,6 @@
 """early2d, late2d, early3d and late3d: compositions of all sensors, one kind of fusion each, and a tracker."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Literal
@@ -59,15 +59,11 @@ class FusionPipeline(TrackingPipeline[B]):
         super().__init__(tracker, params.detect_every)
         self._cameras, self._branches = CameraStage(params.camera, camera_share), Branches()
 
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._cameras.identity
-
     def _start_cameras(self, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> None:
         """Take all cameras of the rig. Raises LogError where one that is used can't be projected into."""
         self._cameras.start(rig, log_info, settings)
         self._cameras.require_projections()
-        self.missing = self._cameras.missing
+        self.missing, self.weights = self._cameras.missing, self._cameras.identity
 
     def _view(
         self, frame: Frame, clock: StageClock, faults: list[Fault], *others: Callable[[Frame, StageClock], Any]

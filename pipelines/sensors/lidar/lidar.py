@@ -6,18 +6,11 @@ from typing import Literal
 import numpy as np
 
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
+from fbench.pipelines.sensors.points import vehicle
 from fbench.pipelines.sensors.points.clustering import ClusterParams
 from fbench.pipelines.sensors.points.ground import GroundParams, Plane, find_ground
 from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, viewpoint
-from fbench.pipelines.sensors.points.vehicle import (
-    HEADINGS_RAD,
-    NEAR_M,
-    Footprints,
-    OtherSizes,
-    VehicleSize,
-    complete_known,
-    fit_rectangles,
-)
+from fbench.pipelines.sensors.points.vehicle import Footprints, OtherSizes, VehicleSize
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -130,7 +123,7 @@ def sort_by_cluster(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tup
     if found.plane is None or loose == len(cluster):
         return xyz, cluster, None
     first = np.append(loose + np.flatnonzero(np.diff(cluster[loose:], prepend=-1)), len(cluster))
-    rectangles = fit_rectangles(np.ascontiguousarray(xyz[:, :2]), first, HEADINGS_RAD, NEAR_M)
+    rectangles = vehicle.fit_rectangles(np.ascontiguousarray(xyz[:, :2]), first, vehicle.HEADINGS_RAD, vehicle.NEAR_M)
     height = np.column_stack([xyz[:, :2], found.height_m[by_cluster]])
     tall = np.column_stack([found.tall[:, :2], found.tall[:, 2] - found.plane.z_m(found.tall)])
     return xyz, cluster, Seen(Standing(height, first, tall), rectangles, found.plane, viewpoint)
@@ -191,8 +184,8 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
             owner[taken[owner]] = at
             # Around all its points, turned at most a little and at least as large as before.
             xy = np.ascontiguousarray(view.xyz[clustered & (owner[view.cluster] == at), :2])
-            rectangle = fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, NEAR_M)
-            box = complete_known(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
+            rectangle = vehicle.fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, vehicle.NEAR_M)
+            box = vehicle.complete_known(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
         center[at, :2], size[at, :2], yaw[at] = box.center_m[0], box.size_lw_m[0], box.yaw_rad[0]
     # Clusters are numbered anew without those that were taken; points stay sorted by cluster.
     kept, cluster = np.flatnonzero(owner == numbers), np.full(len(view.cluster), -1)

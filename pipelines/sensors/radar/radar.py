@@ -202,9 +202,7 @@ class RadarStage:
             name: replace(own, doppler=doppler.with_logged_ego_motion(name, log_info, own.doppler))
             for name, own in settings.own("radar", params, OWN).items()
         }
-        self._periods = {
-            name: doppler.velocity_periods((name,), log_info, own.doppler)[name] for name, own in self._own.items()
-        }
+        self._periods = {n: doppler.velocity_period(n, log_info, own.doppler) for n, own in self._own.items()}
 
     def view(self, frame: Frame, clock: StageClock) -> RadarView:
         """Detect in the echoes of one frame; without radar nothing is seen."""
