@@ -12,6 +12,7 @@ from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image import stage
 from fbench.pipelines.sensors.image.objects import Points
 from fbench.pipelines.sensors.image.stage import SURE, ImageObservations, InImages, Rays
+from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
@@ -157,10 +158,7 @@ def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) 
     )
     # Of objects in the place of a surer one sensors disagreed on how far away it is.
     boxes = np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4)
-    rivals, kept = iou_2d(boxes, boxes) > _SAME, np.ones(len(objects), np.bool_)
-    for at in range(len(objects)):
-        kept[at] = not (rivals[at, :at] & kept[:at]).any()
-    objects = [objects[at] for at in np.flatnonzero(kept)]
+    objects = [objects[at] for at in suppress(iou_2d(boxes, boxes) > _SAME)]
     return Boxes2D(
         camera=np.full(len(objects), view.camera),
         xyxy_px=np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4),

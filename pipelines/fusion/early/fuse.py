@@ -20,6 +20,7 @@ from fbench.pipelines.fusion.early.groups import (
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE, are_one
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
 from fbench.pipelines.sensors.radar.radar import median_rate
+from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, Source
@@ -112,11 +113,7 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
     )
     order = np.lexsort((*found.center_m.T[::-1], -score))
     order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
-    same, kept = are_one(found[order], params.merge_m), list[int]()
-    for row in range(len(order)):
-        if not same[row, kept].any():
-            kept.append(row)
-    return found[order[kept]]
+    return found[order[suppress(are_one(found[order], params.merge_m))]]
 
 
 def _existence(

@@ -10,6 +10,7 @@ import numpy as np
 from fbench.pipelines.models.weights import AUTO, Weights, resolve
 from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Candidates, Size
 from fbench.pipelines.sensors.camera.model import Batch, Model
+from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded, require_between
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -105,11 +106,7 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
     overlap, area = np.prod(np.clip(high - low, 0, None), axis=2), np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
     rivals = (iou_2d(xyxy, xyxy) > iou) | (overlap / np.minimum(area[:, None], area[None, :]) > containment)
     rivals &= group[:, None] == group[None, :]
-    alive = np.ones(len(boxes), bool)
-    for i in range(len(boxes)):
-        if alive[i]:
-            alive[i + 1 :] &= ~rivals[i, i + 1 :]
-    return boxes[alive]
+    return boxes[suppress(rivals)]
 
 
 @dataclass(frozen=True)
