@@ -6,15 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fbench.pipelines.baseline import boxes
+from fbench.pipelines.baseline import params as plain
 from fbench.pipelines.baseline.boxes import KINDS, Extents, PlainCloud, PlainSensors
-from fbench.pipelines.baseline.params import (
-    RADAR,
-    PlainClusterParams,
-    PlainParams,
-    PlainSensor,
-    PlainSizeParams,
-    Strategy,
-)
+from fbench.pipelines.baseline.params import PlainParams, PlainSensor, Strategy
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker3DParams
@@ -37,9 +31,9 @@ class Plain3DParams(PlainParams):
     """`early`: the points of all are clustered together; `late`: those of each kind, and overlapping boxes are merged
     in the order LiDAR, radar, stereo.
     """
-    cluster: PlainClusterParams = field(default_factory=PlainClusterParams)
+    cluster: plain.PlainClusterParams = field(default_factory=plain.PlainClusterParams)
     """With `early`: how the points of all are grouped."""
-    size: PlainSizeParams = RADAR.size  # With `early`: which clusters are dropped.
+    size: plain.PlainSizeParams = plain.RADAR.size  # With `early`: which clusters are dropped.
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
 
     def __post_init__(self) -> None:

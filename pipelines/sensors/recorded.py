@@ -188,7 +188,7 @@ class Which(CheckedParams):
 class Found:
     """What was recorded for one frame."""
 
-    boxes: Boxes | None  # In body coordinates, or in images of the rig's cameras; `None` where there is no result
+    boxes: Boxes  # In body coordinates, or in images of the rig's cameras; empty where there is no result
     world_T_body: Float64 | None  # Pose (4, 4) of the body, `None` where unknown
     missing: Mapping[str, str] = field(default_factory=dict)  # What isn't there, and why
     faults: tuple[Fault, ...] = ()
@@ -241,14 +241,15 @@ class RecordedBoxes:
         faults = (Fault("PRD003", f"{self._topic} before frame {frame.index}"),) * num_passed
         if result is None:
             why = f"no output within {self._params.tolerance_ms:g} ms"
-            return Found(None, world_T_body, {self._topic: why}, faults)
+            return Found(self.kind.empty(), world_T_body, {self._topic: why}, faults)
         boxes, missing = self._place(result, world_T_body)
         latency_ns = result.log_ns - frame.stamp_ns
         # What has the stamp itself for its time of recording wasn't recorded by a stack at work.
         is_timed = boxes is not None and result.log_ns > 0 and result.log_ns != result.stamp_ns
         if is_timed and latency_ns < 0:
             faults = (*faults, Fault("PRD004", f"{self._topic}: {-latency_ns / 1e6:.3f} ms"))
-        return Found(boxes, world_T_body, missing, faults, latency_ns if is_timed and latency_ns >= 0 else None)
+        latency = latency_ns if is_timed and latency_ns >= 0 else None
+        return Found(self.kind.empty() if boxes is None else boxes, world_T_body, missing, faults, latency)
 
     def _first_kind(self, log: BoxReader, log_info: LogInfo) -> type[Boxes]:
         """Kind of the first boxes that there are; of results without any box the kind of the first one."""

@@ -59,17 +59,14 @@ class Camera2D(TrackingPipeline[Boxes2D]):
         faults = list[Fault]()
         seen = self._cameras.view(frame, clock, faults)
         none = CameraDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1"))  # gives all frames the same fields
-        boxes = concatenate([camera_boxes(name, found) for name, found in {"": none, **seen}.items()])
-        return Detected(boxes, tuple(faults))
-
-
-def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:
-    """Boxes of one camera with its name and source."""
-    num = len(found)
-    return Boxes2D(
-        camera=np.full(num, camera),
-        xyxy_px=found.xyxy_px,
-        label=found.label,
-        score=found.score,
-        sources=np.full(num, int(Source.C), np.uint8),
-    )
+        boxes = [
+            Boxes2D(
+                np.full(len(found), name),
+                found.xyxy_px,
+                label=found.label,
+                score=found.score,
+                sources=np.full(len(found), Source.C, np.uint8),
+            )
+            for name, found in {"": none, **seen}.items()
+        ]
+        return Detected(concatenate(boxes), tuple(faults))

@@ -29,9 +29,8 @@ class Recorded(RecordedBoxes):
     def step(self, frame: Frame) -> Output:
         """Pass on the frame's result; boxes with ids are its tracks."""
         found = self.take(frame)
-        boxes = self.kind.empty() if found.boxes is None else found.boxes
         stage_ns = {} if found.latency_ns is None else {STAGE: found.latency_ns}
-        return Output(boxes, boxes, stage_ns, found.faults, found.missing, clock="log")
+        return Output(found.boxes, found.boxes, stage_ns, found.faults, found.missing, clock="log")
 
 
 _TRACKING = Tracker3DParams(association="giou", max_missed=3, predicted_share=0.0)
@@ -76,7 +75,7 @@ class Track(RecordedBoxes):
             return predict_output(
                 lambda: tracker.predict(stamp_ns, found.world_T_body), clock=clock, faults=found.faults
             )
-        boxes = self.kind.empty() if found.boxes is None else found.boxes
+        boxes = found.boxes
         with clock.stage("track"):
             tracks: Boxes
             if isinstance(boxes, Boxes2D):

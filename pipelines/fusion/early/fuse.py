@@ -5,18 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fbench.pipelines.fusion.early import groups as grouping
 from fbench.pipelines.fusion.early.boxes import classify_shapes, fit_shapes, place_boxes
 from fbench.pipelines.fusion.early.cloud import EchoParams, FusedCloud, Scene
 from fbench.pipelines.fusion.early.density import DensityParams, cluster_cloud
-from fbench.pipelines.fusion.early.groups import (
-    Counts,
-    Groups,
-    Observed,
-    SemanticsParams,
-    count_points,
-    group_points,
-    label_points,
-)
+from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed, SemanticsParams
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE, are_one
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
 from fbench.pipelines.sensors.radar.radar import median_rate
@@ -87,15 +80,15 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
     falling score; equal scores by place.
     """
     cloud = scene.cloud
-    seen = label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
+    seen = grouping.label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
     is_seen = seen.instance >= 0
     cluster = cluster_cloud(cloud, is_seen, params.density)
-    groups = group_points(cloud, seen, cluster, params.density.weights(cloud, is_seen))
+    groups = grouping.group_points(cloud, seen, cluster, params.density.weights(cloud, is_seen))
     if len(groups):  # what no camera sees and is wide are walls
         xy, first = cloud.xyz[groups.rows, :2], groups.first[:-1]
         extent = (np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)).max(axis=1)
         groups = groups.select((groups.observation >= 0) | (extent <= params.most_extent_m))
-    counts = count_points(groups, cloud)
+    counts = grouping.count_points(groups, cloud)
     shape = fit_shapes(cloud, groups, counts, params.fit_points)
     by_shape, label = classify_shapes(scene, groups, shape)
     names = np.array([one.label for one in seen.observations] or [""], np.str_)

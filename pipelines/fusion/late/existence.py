@@ -4,18 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fbench.pipelines.fusion import reliability
 from fbench.pipelines.fusion.kernels import nearest_by_bearing, occlusion_shares
 from fbench.pipelines.fusion.late.association import Association
 from fbench.pipelines.fusion.late.place import Observations
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, Clusters, outline_overlaps
-from fbench.pipelines.fusion.reliability import (
-    AgreementParams,
-    SensorReliability,
-    log_odds,
-    probability_of,
-    saturate,
-    sureness,
-)
+from fbench.pipelines.fusion.reliability import AgreementParams, SensorReliability, log_odds, saturate
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
@@ -97,8 +91,8 @@ class Evidence:
         return np.asarray(np.hypot(self.targets.center_m[:, 0], self.targets.center_m[:, 1]), np.float64)
 
 
-def probabilities(evidence: Evidence, reliability: SensorReliability, params: FusionParams) -> Float64:
-    """Probability (N,) of each object; `reliability` learns from this frame first.
+def probabilities(evidence: Evidence, sensors: SensorReliability, params: FusionParams) -> Float64:
+    """Probability (N,) of each object; `sensors` learns from this frame first.
 
     It learns from the objects that are probable even though a sensor that should doesn't see them, so that a sensor
     with false alarms doesn't make the others look blind.
@@ -113,10 +107,10 @@ def probabilities(evidence: Evidence, reliability: SensorReliability, params: Fu
         witnesses.append(_lidar_witness(evidence, obstacles, params))
     if len(seen.radar.all_xyz) + len(seen.radar.boxes):
         witnesses.append(_radar_witness(evidence, obstacles, params))
-    sure = sureness(_probabilities(evidence, witnesses, reliability, params))
+    sure = reliability.sureness(_probabilities(evidence, witnesses, sensors, params))
     for w in witnesses:
-        reliability.learn(w.name, evidence.distance_m, sure * w.could, w.seen)
-    return _probabilities(evidence, witnesses, reliability, params)
+        sensors.learn(w.name, evidence.distance_m, sure * w.could, w.seen)
+    return _probabilities(evidence, witnesses, sensors, params)
 
 
 def lidar_weight(lidar: Clusters, params: FusionParams) -> float:
@@ -125,7 +119,7 @@ def lidar_weight(lidar: Clusters, params: FusionParams) -> float:
 
 
 def _probabilities(
-    evidence: Evidence, witnesses: list[Witness], reliability: SensorReliability, params: FusionParams
+    evidence: Evidence, witnesses: list[Witness], sensors: SensorReliability, params: FusionParams
 ) -> Float64:
     distance, groups = evidence.distance_m, evidence.associations
     shown = np.array([bool(group.cameras) for group in groups])
@@ -135,7 +129,7 @@ def _probabilities(
     odds = log_odds(params.prior, 1e-6) + np.where(unplaced, standing, 0.0)
     seen_by, added_by = list[Bool](), list[Float64]()
     for w in witnesses:
-        share = np.minimum(reliability.share(w.name, w.kind, distance) * w.could, params.max_detection)
+        share = np.minimum(sensors.share(w.name, w.kind, distance) * w.could, params.max_detection)
         seen = np.where(shown, w.confirmed_odds, w.odds) + np.log(np.maximum(w.could, params.unlikely))
         added = np.where(w.seen, seen, np.log1p(-share))
         if w.kind == "camera":
@@ -144,12 +138,12 @@ def _probabilities(
         else:
             odds += added
     if not seen_by:
-        return probability_of(odds)
+        return reliability.probability_of(odds)
     # Cameras see much the same picture: the surest that sees an object counts, and where none does the surest that
     # should.
     seen, added = np.array(seen_by), np.array(added_by)
     best = np.where(seen, added, -np.inf).max(axis=0)
-    return probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
+    return reliability.probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
 
 
 def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: FusionParams) -> Witness:

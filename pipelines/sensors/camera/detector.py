@@ -99,7 +99,9 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
 
     All vehicles are one group, since one object can come back as bus and as truck; others are groups by label.
     """
-    boxes = Candidates.join([*parts, NO_CANDIDATES]).sort()[:MAX_BOXES]
+    boxes = Candidates.join([*parts, NO_CANDIDATES])
+    # Equal scores by box, then label, so that the order is always the same.
+    boxes = boxes[np.lexsort((boxes.label, *boxes.xyxy.T[::-1], -boxes.score))[:MAX_BOXES]]
     group = np.where(np.isin(boxes.label, VEHICLES), "vehicle", boxes.label)
     xyxy = boxes.xyxy
     low, high = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2]), np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])

@@ -35,10 +35,6 @@ class Candidates(Rows):
         whole = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]) & np.isfinite(self.score)
         return Candidates(xyxy, self.score, self.label)[whole]
 
-    def sort(self) -> "Candidates":
-        """Sort by falling score; equal scores by box, then label, so that the order is always the same."""
-        return self[np.lexsort((self.label, *self.xyxy.T[::-1], -self.score))]
-
 
 NO_CANDIDATES = Candidates(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1"))
 PAD_VALUE = 114  # Grey of the border, as YOLO models are trained
@@ -98,14 +94,11 @@ def planes(images: list[Pixels], *, rgb: bool, unit: bool) -> np.ndarray:
 
 
 MAX_CLASS = 1_000_000  # Largest class id that is believed
-
 ClassLabels = Mapping[int, str]
-
 COCO_80: ClassLabels = {0: "pedestrian", 1: "bicycle", 2: "car", 3: "motorcycle", 5: "bus", 7: "truck"}
 """The 80 COCO classes numbered without gaps, as YOLO and DETR exports do."""
 COCO_91: ClassLabels = {1: "pedestrian", 2: "bicycle", 3: "car", 4: "motorcycle", 6: "bus", 8: "truck"}
 """COCO's own category ids, as torchvision uses them (0 is the background)."""
-
 _SYNONYMS = {"person": "pedestrian", "motorbike": "motorcycle", "bike": "bicycle", "cyclist": "bicycle"}
 
 
@@ -146,7 +139,6 @@ def translate(class_id: Int64, labels: ClassLabels) -> tuple[Text, Bool]:
 
 
 Size = tuple[int, int]
-
 SIDE_PX = (32, 8192)  # Shortest and longest side of an input that is believed
 _MAX_PX = 1e12
 

@@ -49,10 +49,6 @@ class ImageObservations(Rows):
     spot: Int64  # (N,) row of the `Spots` that it is; -1: none
     upright: Bool  # (N,) whether its upper and lower edge are known; sparse radars don't tell heights
 
-    def sort(self) -> "ImageObservations":
-        """Sort by source, falling score, then place, so that the order in which they are given never matters."""
-        return self[np.lexsort((*self.xyxy_px.T[::-1], -self.score, self.source))]
-
     @property
     def weak(self) -> Bool:
         """(N,) boxes of cameras that count only where another sensor confirms them."""
@@ -76,8 +72,9 @@ class ImageObservations(Rows):
 
     @classmethod
     def join(cls, parts: Sequence["ImageObservations"]) -> "ImageObservations":
-        """Put several into one, in order."""
-        return super().join([*parts, cls.none()]).sort()
+        """Put several into one, by source, falling score, then place, so that the order of the parts never matters."""
+        every = super().join([*parts, cls.none()])
+        return every[np.lexsort((*every.xyxy_px.T[::-1], -every.score, every.source))]
 
 
 def by_camera(found: CameraDetections, camera: CameraModel) -> ImageObservations:

@@ -244,9 +244,7 @@ def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
     found = features(seen.standing, seen.rectangles)
     probability = model.probabilities(found)
     kind = np.argmax(probability, axis=1)
-    by_label = {"car": car, "van": others.van, "truck": others.truck, "motorcycle": others.motorcycle,
-                "bicycle": others.bicycle, "pedestrian": others.pedestrian}  # fmt: skip
-    sizes = tuple(by_label[label] for label in model.labels.tolist())
+    sizes = tuple({"car": car, **vars(others)}[label] for label in model.labels.tolist())
     boxes = _complete(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))
     # Scores count times the probability that none of the likelier boxes around their middles is there: where two parts
     # of one vehicle are two clusters, both are completed to all of it. Of equal scores the first counts.
