@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fbench.pipelines.tracking.kalman import States
+from fbench.pipelines.tracking.kalman import PLACE, PLACE_VAR, States
 from fbench.pipelines.tracking.kernels import generalize_iou, one_layout, overlaps
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.iou import flat_iou, iou_2d
@@ -59,9 +59,9 @@ def mahalanobis_nearness(states: States, measured: Float64, measured_std: Float6
     influence each other. Takes predicted states, measurements (M, m) and their standard deviations (m,) or (M, m).
     """
     variance = np.broadcast_to(measured_std, measured.shape) ** 2
-    apart = measured[None, :, :] - states.place[:, None, :]
-    squared = np.sum(apart**2 / (states.place_var[:, None, :] + variance[None, :, :]), axis=2)
-    return nearness(np.sqrt(squared), np.full(len(states), gate))
+    apart = measured[None, :, :] - states[PLACE][:, None, :]
+    squared = np.sum(apart**2 / (states[PLACE_VAR][:, None, :] + variance[None, :, :]), axis=2)
+    return nearness(np.sqrt(squared), np.full(len(apart), gate))
 
 
 def footprint_iou(a: Float64, b: Float64, solid: bool = False) -> Float64:

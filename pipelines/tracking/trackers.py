@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from fbench.pipelines.tracking import association, kalman
-from fbench.pipelines.tracking.kalman import States
+from fbench.pipelines.tracking.kalman import PLACE, RATE, States
 from fbench.pipelines.tracking.kernels import as_corners, as_measured, one_layout
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, TrackerParams
 from fbench.pipelines.tracking.tracks import Columns, Tracks, are_rivals, count_votes, rows, sort_detections
@@ -93,7 +93,7 @@ class Tracker(ABC, Generic[B, P]):
         similarity[are_rivals(tracks.last["label"], detections["label"])] = 0.0
         at, columns = association.associate_weak_last(similarity, least, weak)
         found = rows(detections, columns)
-        states = kalman.update(tracks.states.rows(at), *self._measure(found))
+        states = kalman.update(tracks.states.take(at, axis=1), *self._measure(found))
         carried = self._carry(tracks, at, found)
         if self._params.score == "mean":
             carried["score"] = mean_of(tracks.last["score"][at], found["score"], 1.0 / (tracks.hits[at] + 1))
@@ -236,7 +236,7 @@ class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
         return replace(tracks, states=kalman.predict(tracks.states, dt_s, self._drift_std))
 
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
-        p, center, found = self._params, tracks.states.place, detections["center_m"]
+        p, center, found = self._params, tracks.states[PLACE], detections["center_m"]
         if p.association == "distance":
             has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._poses else np.False_
             grow_mps = np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
@@ -263,7 +263,7 @@ class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
         return result
 
     def _boxes(self, found: Columns, states: States, pose: Float64 | None) -> Boxes3D:
-        found = found | {"center_m": states.place, "velocity_mps": states.rate}
+        found = found | {"center_m": states[PLACE], "velocity_mps": states[RATE]}
         return Boxes3D(**(found if pose is None else self._move(found, inverse(pose))))
 
 
@@ -298,20 +298,18 @@ class Tracker2D(Tracker[Boxes2D, Tracker2DParams]):
 
     def _predict(self, tracks: Tracks, dt_s: float) -> Tracks:
         before = tracks.states
-        states = kalman.predict(before, dt_s, self._params.drift_std * _unit(before.place))
-        bad = states.place[:, 2:] < MIN_SHAPE
+        states = kalman.predict(before, dt_s, self._params.drift_std * _unit(before[PLACE]))
+        bad = states[PLACE, :, 2:] < MIN_SHAPE
         if bad.any():  # no area or aspect: keep that of before, and forget its rate
-            values = states.values.copy()
-            values[kalman.PLACE, :, 2:][bad] = np.maximum(before.place[:, 2:][bad], MIN_SHAPE)
-            values[kalman.RATE, :, 2:][bad] = 0.0
-            states = States(values)
+            states[PLACE, :, 2:][bad] = np.maximum(before[PLACE, :, 2:][bad], MIN_SHAPE)
+            states[RATE, :, 2:][bad] = 0.0
         rate = tracks.last["range_rate_mps"]
         distance = tracks.last["distance_m"] + np.where(np.isnan(rate), 0.0, rate) * dt_s
         return replace(tracks, states=states, last=tracks.last | {"distance_m": distance})
 
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         p, least = self._params, 0.0
-        boxes, found = as_corners(one_layout(tracks.states.place)), detections["xyxy_px"]
+        boxes, found = as_corners(one_layout(tracks.states[PLACE])), detections["xyxy_px"]
         if p.association == "mahalanobis":
             measured, std = self._measure(detections)
             similarity = association.mahalanobis_nearness(tracks.states, measured, std, p.max_mahalanobis)
@@ -329,7 +327,7 @@ class Tracker2D(Tracker[Boxes2D, Tracker2DParams]):
         return found | kept
 
     def _boxes(self, found: Columns, states: States, pose: Float64 | None) -> Boxes2D:
-        return Boxes2D(**(found | {"xyxy_px": as_corners(one_layout(states.place))}))
+        return Boxes2D(**(found | {"xyxy_px": as_corners(one_layout(states[PLACE]))}))
 
 
 def _unit(measured: Float64) -> Float64:

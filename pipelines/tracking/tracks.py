@@ -5,7 +5,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fbench.pipelines.tracking import kalman
 from fbench.pipelines.tracking.kalman import States
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import LABELS, MAX_MAGNITUDE, VEHICLES
@@ -59,7 +58,7 @@ class Tracks:
         if which.all():
             return self
         at = np.flatnonzero(which)
-        return Tracks(states=self.states.rows(at), last=rows(self.last, at), **rows(self._arrays, at))
+        return Tracks(states=self.states.take(at, axis=1), last=rows(self.last, at), **rows(self._arrays, at))
 
     def labels(self) -> Text:
         """The label with the most votes (T,); of equals the first in `LABELS`, and `other` where there are none."""
@@ -74,13 +73,15 @@ class Tracks:
         missed[at] = 0
         updated_ns[at] = stamp_ns
         votes[at] += count_votes(detections["label"], detections["score"])
+        every = self.states.copy()
+        every[:, at] = states
         last = replace_rows(self.last, at, detections)
-        return Tracks(self.track_id, hits, missed, updated_ns, votes, self.states.replace_rows(at, states), last)
+        return Tracks(self.track_id, hits, missed, updated_ns, votes, every, last)
 
     def join(self, new: "Tracks") -> "Tracks":
         """Put other tracks behind these."""
         last, arrays = join_rows(self.last, new.last), join_rows(self._arrays, new._arrays)
-        return Tracks(states=kalman.join(self.states, new.states), last=last, **arrays)
+        return Tracks(states=np.concatenate([self.states, new.states], axis=1), last=last, **arrays)
 
     @property
     def _arrays(self) -> Columns:
