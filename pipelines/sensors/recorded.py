@@ -174,7 +174,7 @@ class PoseFinder:
 
 
 @dataclass(frozen=True)
-class Which(CheckedParams):
+class ResultParams(CheckedParams):
     """Which results, and how they belong to frames: parameters of pipelines that take them."""
 
     topic: str = ""
@@ -202,7 +202,7 @@ class RecordedBoxes:
     name: ClassVar[str]  # Of the pipeline, in errors
     argument: ClassVar[str] = "topic"
 
-    def __init__(self, params: Which) -> None:
+    def __init__(self, params: ResultParams) -> None:
         self._params, self._topic = params, params.topic or "results"
         self._log: BoxReader | None = None
         self._finder: ResultFinder | None = None

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.sensors.recorded import RecordedBoxes, Which
+from fbench.pipelines.sensors.recorded import RecordedBoxes, ResultParams
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import DetectionInterval, predict_output
 from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
@@ -14,7 +14,7 @@ STAGE = "recorded"  # Stands for all that the other system did
 
 
 @dataclass(frozen=True)
-class RecordedParams(Which):
+class RecordedParams(ResultParams):
     """Parameters of `recorded`."""
 
 
@@ -37,7 +37,7 @@ _TRACKING = Tracker3DParams(association="giou", max_missed=3, predicted_share=0.
 
 
 @dataclass(frozen=True)
-class TrackParams(Which):
+class TrackParams(ResultParams):
     """Parameters of `track`."""
 
     detect_every: int = bounded(1, 1)

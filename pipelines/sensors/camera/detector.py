@@ -206,7 +206,7 @@ class CameraDetector:
 CITY_WEIGHTS = Path(__file__).with_name("city.onnx")  # See `docs/detector.md`
 
 
-def with_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str, CameraParams]:
+def use_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str, CameraParams]:
     """Return the parameters of all cameras, with the built-in weights in place of `auto` where the log is simulated."""
     if SIMULATED not in log_info.metadata:
         return dict(own)
@@ -265,7 +265,7 @@ class CameraStage:
         """Take all cameras of the rig, each with its own parameters; see the class for what is raised. On simulated
         logs `auto` is the built-in detector.
         """
-        own = with_builtin(settings.own("camera", self._params), log_info)
+        own = use_builtin(settings.own("camera", self._params), log_info)
         found = {name: self._load(params) for name, params in own.items()}
         self._rig, self.identity, cameras = rig, builtin_identity(own, self._params), rig.sensors("camera")
         self.used = {name: detector for name in cameras if (detector := found.get(name)) is not None}

@@ -11,7 +11,7 @@ from fbench.pipelines.sensors.lidar.classification import measure_inside
 from fbench.pipelines.sensors.lidar.lidar import Obstacles
 from fbench.pipelines.sensors.points.grid import lexicographic_order, median
 from fbench.pipelines.sensors.points.ground import Plane, find_ground
-from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fading, fit_rectangles
+from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fade, fit_rectangles
 from fbench.pipelines.sensors.radar.radar import Compensated, median_rate
 from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
@@ -131,15 +131,15 @@ def score_groups(groups: Groups, params: ShapeParams) -> Float64:
     and number of points are asked: what moves is no wall and no tree.
     """
     shorter, longer = np.sort(groups.rectangles[:, [2, 4]] - groups.rectangles[:, [1, 3]], axis=1).T
-    score = fading(np.diff(groups.first), *params.num_points)
-    score *= fading(longer, *params.most_length_m) * fading(shorter, *params.most_width_m)
-    still = fading(longer, *params.least_extent_m) * fading(groups.rectangles[:, 5], *params.filling_m)
-    still *= fading(groups.bottom_m, *params.bottom_m) * fading(groups.top_m, *params.top_m)
-    still *= np.where(shorter < params.thin_m, fading(groups.top_m, *params.least_top_m), 1.0)
+    score = fade(np.diff(groups.first), *params.num_points)
+    score *= fade(longer, *params.most_length_m) * fade(shorter, *params.most_width_m)
+    still = fade(longer, *params.least_extent_m) * fade(groups.rectangles[:, 5], *params.filling_m)
+    still *= fade(groups.bottom_m, *params.bottom_m) * fade(groups.top_m, *params.top_m)
+    still *= np.where(shorter < params.thin_m, fade(groups.top_m, *params.least_top_m), 1.0)
     score = np.where(groups.moves, score, score * still * params.still)
     likely = np.flatnonzero((score > 0) & ~groups.moves)
     over = measure_inside(groups.cloud.tall, groups.rectangles[likely], _OVER_MARGIN_M)
-    score[likely] *= fading(over[:, 0], *params.num_over)
+    score[likely] *= fade(over[:, 0], *params.num_over)
     return np.asarray(score, np.float64)
 
 

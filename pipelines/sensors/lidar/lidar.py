@@ -151,7 +151,7 @@ _ROUNDS = 3  # The more of a side is known, the better its heading, and the more
 _TURN_RAD = np.radians(np.arange(-10.0, 10.5, 1.0))
 
 
-def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
+def complete_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     """Let trucks and buses take what continues them away from the viewer at `viewpoint` (2,), the likeliest first.
 
     Beams that graze a side hit it farther and farther apart, until each column of them is a cluster of its own. A
@@ -258,7 +258,7 @@ class LidarStage:
         found = self.obstacles(points, clock)
         with clock.stage("detect.lidar"):
             seen = detect(found, self._viewpoint, self._params)
-            return replace(with_whole_trucks(seen, self._viewpoint), plane=self._plane)
+            return replace(complete_trucks(seen, self._viewpoint), plane=self._plane)
 
     def points(self, frame: Frame, clock: StageClock) -> Float64 | None:
         """Points (N, 3) [m] of all LiDARs but on the own vehicle, see `lidar_points`; `None` without any LiDAR."""

@@ -100,7 +100,7 @@ def center_offsets(boxes: Boxes3D) -> tuple[Float64, Float64]:
     return np.abs(along), np.abs(across)
 
 
-def fading(value: Array, good: float, bad: float) -> Float64:
+def fade(value: Array, good: float, bad: float) -> Float64:
     """Return 1 where values are at `good` or beyond, 0 at `bad` or beyond, linear between."""
     return np.clip((bad - np.asarray(value, np.float64)) / (bad - good), 0.0, 1.0)
 

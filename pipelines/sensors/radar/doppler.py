@@ -91,7 +91,7 @@ def velocity_period(radar: str, log_info: LogInfo, params: DopplerParams) -> flo
     return (of_all or 0.0) if own is None else own
 
 
-def with_logged_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams) -> DopplerParams:
+def resolve_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams) -> DopplerParams:
     """Say whether velocities of a radar hold the ego motion. Raises LogError where the log says something else."""
     key = f"radar.{radar}.ego_motion"
     text = log_info.metadata.get(key, log_info.metadata.get("radar.ego_motion", "included"))

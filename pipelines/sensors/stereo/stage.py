@@ -9,7 +9,7 @@ from fbench.pipelines.sensors.lidar.classification import CarShapeParams
 from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams, LidarView
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.ground import GroundParams
-from fbench.pipelines.sensors.points.vehicle import VehicleSize, fading
+from fbench.pipelines.sensors.points.vehicle import VehicleSize, fade
 from fbench.pipelines.sensors.stereo import depth
 from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams
 from fbench.replay.contracts.errors import ConfigError
@@ -171,4 +171,4 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     member = view.cluster >= 0
     first = np.flatnonzero(np.diff(view.cluster[member], prepend=-1))
     top_m = np.maximum.reduceat((view.xyz[:, 2] - view.plane.z_m(view.xyz))[member], first)
-    return replace(view, boxes=replace(view.boxes, score=score * fading(top_m, *params.least_top_m)))
+    return replace(view, boxes=replace(view.boxes, score=score * fade(top_m, *params.least_top_m)))

@@ -7,9 +7,9 @@ from fbench.pipelines.sensors.radar.doppler import (
     DopplerParams,
     over_ground,
     own_velocity,
+    resolve_ego_motion,
     sensor_velocity,
     velocity_period,
-    with_logged_ego_motion,
     wrap_velocity,
 )
 from fbench.replay.contracts.errors import LogError
@@ -98,9 +98,9 @@ def test_velocities_that_are_free_of_ego_motion_stay_as_they_are():
 
 def test_the_log_says_whether_ego_motion_is_removed():
     told = LogInfo("a", "b", {"radar.front.ego_motion": "removed"})
-    assert with_logged_ego_motion("front", told, DopplerParams()).ego_motion == "removed"
-    assert with_logged_ego_motion("rear", told, DopplerParams()).ego_motion == "included"
-    assert with_logged_ego_motion("front", told, DopplerParams(ego_motion="included")).ego_motion == "included"
+    assert resolve_ego_motion("front", told, DopplerParams()).ego_motion == "removed"
+    assert resolve_ego_motion("rear", told, DopplerParams()).ego_motion == "included"
+    assert resolve_ego_motion("front", told, DopplerParams(ego_motion="included")).ego_motion == "included"
     odd = LogInfo("a", "b", {"radar.ego_motion": "perhaps"})
     with pytest.raises(LogError, match="expected 'included' or 'removed', got 'perhaps'"):
-        with_logged_ego_motion("front", odd, DopplerParams())
+        resolve_ego_motion("front", odd, DopplerParams())
