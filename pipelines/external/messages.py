@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufError
@@ -67,29 +66,17 @@ def _image(image: Image) -> tuple[int, Pieces]:
     return schema.Message.IMAGE_FIELD_NUMBER, [head.SerializeToString(), *data]
 
 
-_COLUMNS: Mapping[type, tuple[int, Any, Mapping[str, str]]] = {
-    PointCloud: (
-        schema.Message.POINTS_FIELD_NUMBER,
-        schema.PointCloud,
-        {"xyz": "<f4", "intensity": "<f4", "ring": "<u2", "offset_ns": "<i4"},
-    ),
-    RadarScan: (
-        schema.Message.RADAR_FIELD_NUMBER,
-        schema.RadarScan,
-        dict.fromkeys(("xyz", "radial_velocity_mps", "rcs_dbsm", "range_m", "azimuth_rad", "altitude_rad"), "<f4"),
-    ),
-}
+_WIRE = {"ring": "<u2", "offset_ns": "<i4"}  # Numbers of the columns that aren't float32 in messages
 
 
 def _columns(points: PointCloud | RadarScan) -> tuple[int, Pieces]:
-    number, kind, dtypes = _COLUMNS[type(points)]
-    pieces: Pieces = []
-    for name, dtype in dtypes.items():
-        if (array := getattr(points, name)) is not None:
+    is_cloud, pieces = isinstance(points, PointCloud), Pieces()
+    for field in (schema.PointCloud if is_cloud else schema.RadarScan).DESCRIPTOR.fields:
+        if (array := getattr(points, field.name)) is not None:
             # Bytes without a copy, where they lie in memory as they are wanted.
-            data = np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data
-            pieces += _nest(kind.DESCRIPTOR.fields_by_name[name].number, [data])
-    return number, pieces
+            data = np.ascontiguousarray(array, _WIRE.get(field.name, "<f4")).reshape(-1).view(np.uint8).data
+            pieces += _nest(field.number, [data])
+    return schema.Message.POINTS_FIELD_NUMBER if is_cloud else schema.Message.RADAR_FIELD_NUMBER, pieces
 
 
 def _pose(pose: Pose) -> tuple[int, Pieces]:

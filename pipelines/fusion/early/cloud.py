@@ -33,6 +33,17 @@ class FusedCloud(Rows):
     height_m: Float64  # (N,) above the ground [m], 0 where that isn't known
 
 
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """What stands on the ground in one frame."""
+
+    lidar: Obstacles
+    stereo: Obstacles
+    plane: Plane | None
+    """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
+    noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
+
+
 @dataclass(frozen=True)
 class EchoParams(CheckedParams, prefix="fusion.echoes"):
     """Which standing radar echoes join the cloud."""
@@ -43,9 +54,7 @@ class EchoParams(CheckedParams, prefix="fusion.echoes"):
     """Standing echoes higher than this above the ground [m] are left out, where the ground is known."""
 
 
-def merge_clouds(
-    depth: "DepthView", echoes: Compensated | None, min_speed_mps: float, params: EchoParams
-) -> FusedCloud:
+def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: float, params: EchoParams) -> FusedCloud:
     """Merge what LiDAR and stereo see stand on the ground with radar echoes, in body coordinates.
 
     Echoes slower than `min_speed_mps` over ground stand, and so do those whose velocity isn't known; of the latter only
@@ -66,17 +75,6 @@ def merge_clouds(
     source = np.full(len(moving), Source.R, np.uint8)
     every = FusedCloud(echoes.xyz, source, echoes.range_rate_mps, echoes.period_mps, moving, above)
     return FusedCloud.join([dense, every[moving | standing]])
-
-
-@dataclass(frozen=True, eq=False)
-class DepthView:
-    """What stands on the ground in one frame."""
-
-    lidar: Obstacles
-    stereo: Obstacles
-    plane: Plane | None
-    """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
-    noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
 
 
 _NOTHING = Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))  # Of a sensor that doesn't deliver
