@@ -1,1 +1,2 @@
-"""Pipelines: stages, their kernels, and one small file that composes each variant."""
+"""Pipelines: `variants/` composes the built-in ones of stages in `sensors/`, `fusion/` and `tracking/`. `baseline/` is
+the thesis as written, `external/` runs any program, and `models/` holds detectors and their training."""

@@ -7,14 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fbench.pipelines.baseline.params import (
-    PlainClusterParams,
-    PlainCropParams,
-    PlainImageParams,
-    PlainParams,
-    PlainSensor,
-    PlainSizeParams,
-)
+from fbench.pipelines.baseline import params as plain
+from fbench.pipelines.baseline.params import PlainParams, PlainSensor, PlainSizeParams
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraStage
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.merged import lidar_points, radar_scans
@@ -89,19 +83,19 @@ def join_clouds(clouds: list[PlainCloud]) -> PlainCloud:
     return PlainCloud.join(clouds) if clouds else make_cloud(np.zeros((0, 3)), 0)
 
 
-def crop(points: PlainCloud, params: PlainCropParams) -> PlainCloud:
+def crop(points: PlainCloud, params: plain.PlainCropParams) -> PlainCloud:
     """Leave out ground, own vehicle, and what is too high or too far."""
     range_m, z = np.hypot(points.xyz[:, 0], points.xyz[:, 1]), points.xyz[:, 2]
     near = (range_m >= params.min_range_m) & (range_m <= params.max_range_m)
     return points[near & (z >= params.low_m) & (z <= params.high_m)]
 
 
-def cluster_in_space(points: PlainCloud, params: PlainClusterParams) -> Int64:
+def cluster_in_space(points: PlainCloud, params: plain.PlainClusterParams) -> Int64:
     """Number the clusters (N,) of points in space; -1: none. See `dbscan` for their order."""
     return dbscan(points.xyz, params.eps_m, params.min_points)
 
 
-def cluster_pixels(uv_px: Float64, depth_m: Float64, params: PlainImageParams) -> Int64:
+def cluster_pixels(uv_px: Float64, depth_m: Float64, params: plain.PlainImageParams) -> Int64:
     """Number the clusters (N,) of points at places (N, 2) [px] of an image and depths (N,) [m]; -1: none."""
     features = np.column_stack([uv_px, depth_m * params.depth_px_per_m])
     return dbscan(features, params.eps_px, params.min_points)

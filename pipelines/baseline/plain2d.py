@@ -1,6 +1,5 @@
 """plain2d: the thesis's algorithms in images, from which its configurations are made; see `thesis/`."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -61,12 +60,8 @@ class Plain2D(TrackingPipeline[Boxes2D]):
             )
         for name in self._images if with_points else ():
             require_projection(rig, name)
-        self.missing = self._sensors.cameras.missing
+        self.missing, self.weights = self._sensors.cameras.missing, self._sensors.cameras.identity
         super().start(rig, log_info)
-
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._sensors.cameras.identity
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         seen = self._sensors.view(frame, clock)

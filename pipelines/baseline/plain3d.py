@@ -6,15 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fbench.pipelines.baseline import boxes
+from fbench.pipelines.baseline import params as plain
 from fbench.pipelines.baseline.boxes import KINDS, Extents, PlainCloud, PlainSensors
-from fbench.pipelines.baseline.params import (
-    RADAR,
-    PlainClusterParams,
-    PlainParams,
-    PlainSensor,
-    PlainSizeParams,
-    Strategy,
-)
+from fbench.pipelines.baseline.params import PlainParams, PlainSensor, Strategy
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker3DParams
@@ -37,9 +31,9 @@ class Plain3DParams(PlainParams):
     """`early`: the points of all are clustered together; `late`: those of each kind, and overlapping boxes are merged
     in the order LiDAR, radar, stereo.
     """
-    cluster: PlainClusterParams = field(default_factory=PlainClusterParams)
+    cluster: plain.PlainClusterParams = field(default_factory=plain.PlainClusterParams)
     """With `early`: how the points of all are grouped."""
-    size: PlainSizeParams = RADAR.size  # With `early`: which clusters are dropped.
+    size: plain.PlainSizeParams = plain.RADAR.size  # With `early`: which clusters are dropped.
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
 
     def __post_init__(self) -> None:
@@ -62,12 +56,8 @@ class Plain3D(TrackingPipeline[Boxes3D]):
             require("plain3d", tuple(kind for kind in KINDS if kind in uses), rig, log_info)
         self._sensors.start(rig, log_info)
         self._sensors.cameras.require_projections()
-        self.missing = self._sensors.cameras.missing
+        self.missing, self.weights = self._sensors.cameras.missing, self._sensors.cameras.identity
         super().start(rig, log_info)
-
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._sensors.cameras.identity
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         seen = self._sensors.view(frame, clock)

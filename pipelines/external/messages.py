@@ -66,26 +66,17 @@ def _image(image: Image) -> tuple[int, Pieces]:
     return schema.Message.IMAGE_FIELD_NUMBER, [head.SerializeToString(), *data]
 
 
-def _points(cloud: PointCloud) -> tuple[int, Pieces]:
-    fields = schema.PointCloud
-    return schema.Message.POINTS_FIELD_NUMBER, _columns(
-        (fields.XYZ_FIELD_NUMBER, cloud.xyz, "<f4"),
-        (fields.INTENSITY_FIELD_NUMBER, cloud.intensity, "<f4"),
-        (fields.RING_FIELD_NUMBER, cloud.ring, "<u2"),
-        (fields.OFFSET_NS_FIELD_NUMBER, cloud.offset_ns, "<i4"),
-    )
+_WIRE = {"ring": "<u2", "offset_ns": "<i4"}  # Numbers of the columns that aren't float32 in messages
 
 
-def _radar(scan: RadarScan) -> tuple[int, Pieces]:
-    fields = schema.RadarScan
-    return schema.Message.RADAR_FIELD_NUMBER, _columns(
-        (fields.XYZ_FIELD_NUMBER, scan.xyz, "<f4"),
-        (fields.RADIAL_VELOCITY_MPS_FIELD_NUMBER, scan.radial_velocity_mps, "<f4"),
-        (fields.RCS_DBSM_FIELD_NUMBER, scan.rcs_dbsm, "<f4"),
-        (fields.RANGE_M_FIELD_NUMBER, scan.range_m, "<f4"),
-        (fields.AZIMUTH_RAD_FIELD_NUMBER, scan.azimuth_rad, "<f4"),
-        (fields.ALTITUDE_RAD_FIELD_NUMBER, scan.altitude_rad, "<f4"),
-    )
+def _columns(points: PointCloud | RadarScan) -> tuple[int, Pieces]:
+    is_cloud, pieces = isinstance(points, PointCloud), Pieces()
+    for field in (schema.PointCloud if is_cloud else schema.RadarScan).DESCRIPTOR.fields:
+        if (array := getattr(points, field.name)) is not None:
+            # Bytes without a copy, where they lie in memory as they are wanted.
+            data = np.ascontiguousarray(array, _WIRE.get(field.name, "<f4")).reshape(-1).view(np.uint8).data
+            pieces += _nest(field.number, [data])
+    return schema.Message.POINTS_FIELD_NUMBER if is_cloud else schema.Message.RADAR_FIELD_NUMBER, pieces
 
 
 def _pose(pose: Pose) -> tuple[int, Pieces]:
@@ -95,19 +86,10 @@ def _pose(pose: Pose) -> tuple[int, Pieces]:
 
 _CONTENT: Mapping[type, Callable[..., tuple[int, Pieces]]] = {
     Image: _image,
-    PointCloud: _points,
-    RadarScan: _radar,
+    PointCloud: _columns,
+    RadarScan: _columns,
     Pose: _pose,
 }
-
-
-def _columns(*columns: tuple[int, Array | None, str]) -> Pieces:
-    pieces: Pieces = []
-    for number, array, dtype in columns:
-        if array is not None:
-            # Bytes without a copy, where they lie in memory as they are wanted.
-            pieces += _nest(number, [np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data])
-    return pieces
 
 
 def _nest(number: int, pieces: Sequence[bytes | memoryview]) -> Pieces:
@@ -123,7 +105,7 @@ def _varint(value: int) -> bytes:
     return bytes(parts)
 
 
-_MAX_STAGES = 64
+MAX_STAGES = 64  # Of a frame, and of a run
 _MAX_BOXES = 10_000  # Of a frame; each costs time when it is scored
 _MAX_MISSING = 256
 _MAX_CHARS = 200
@@ -154,7 +136,7 @@ def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
 def to_output(output: schema.Output) -> Output:
     """Return what a program found. Raises DataError naming the field where boxes are incomplete or not finite."""
     _require_short("missing", [*output.missing, *output.missing.values()], 2 * _MAX_MISSING)
-    _require_short("stages", [stage.name for stage in output.stages], _MAX_STAGES)
+    _require_short("stages", [stage.name for stage in output.stages], MAX_STAGES)
     detections, tracks = (_read_boxes(name, output) for name in ("detections", "tracks"))
     # An id names one object of a frame, and in images one of each camera.
     ids = [] if tracks.track_id is None else tracks.track_id.tolist()

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.pipelines.external import messages
 from fbench.pipelines.external.messages import ProtocolError
-from fbench.pipelines.external.process import Command, Deadline, KeptText, Process, ProgramError, parse_command
+from fbench.pipelines.external.process import Deadline, KeptText, Process, ProgramError, parse_command
 from fbench.replay.contracts.errors import DataError, FbenchError, LogError, RunError
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.contracts.settings import describe_file
@@ -20,65 +20,13 @@ _LENGTH = struct.Struct("<I")
 _MAX_REQUEST_BYTES = 2**31 - 1  # What protobuf can read
 _MAX_ERROR_CHARS = 500
 _MIB = 1 << 20
-_MAX_STAGES = 64
 _MAX_NAME_CHARS = 200
 
-__all__ = ["Dialogue", "ProgramError", "ProtocolError", "RefusedError"]
+__all__ = ["ProgramError", "ProtocolError", "RefusedError"]
 
 
 class RefusedError(FbenchError):
     """The program says that it can't do what it was asked for."""
-
-
-class Dialogue:
-    """A running program and the number of the next request. Raises ConfigError where it can't be executed."""
-
-    def __init__(self, command: Command, stderr: KeptText, max_response_bytes: int) -> None:
-        self.process = Process(command, stderr, 2 * max_response_bytes)
-        self._max_response_bytes, self._sequence = max_response_bytes, 0
-
-    def greet(self, hello: schema.Hello, timeout_s: float) -> schema.Ready:
-        """Say hello. Raises ProgramError, ProtocolError or RefusedError where the program isn't ready, or speaks
-        another version.
-        """
-        ready = self._ask("ready", timeout_s, hello=hello).ready
-        if ready.version != hello.version:
-            raise ProtocolError(f"speaks version {ready.version} of the protocol, expected {hello.version}")
-        return ready
-
-    def reset(self, reason: str, timeout_s: float) -> None:
-        """Have it forget all tracks. Raises ProgramError, ProtocolError or RefusedError where it doesn't."""
-        self._ask("done", timeout_s, reset=schema.Reset(reason=reason))
-
-    def step(self, frame: Frame, timeout_s: float) -> schema.Output:
-        """Have it process one frame. Raises ProgramError, ProtocolError or RefusedError where it doesn't."""
-        return self._ask("output", timeout_s, frame).output
-
-    def _ask(self, expected: str, timeout_s: float, frame: Frame | None = None, **small: Any) -> schema.Response:
-        self._sequence += 1
-        if frame is None:
-            request = messages.small_request(self._sequence, **small)
-        else:
-            request = messages.frame_request(self._sequence, frame)
-        num = sum(map(len, request))
-        if num > _MAX_REQUEST_BYTES:
-            raise RefusedError(f"a frame of {num} bytes is too large for a request, which can have 2 GiB")
-        deadline = Deadline(timeout_s)
-        self.process.send([_LENGTH.pack(num), *request], deadline)
-        head = self.process.receive(_LENGTH.size, deadline)
-        (num,) = _LENGTH.unpack(head)
-        if num > self._max_response_bytes:
-            is_text = all(32 <= byte < 127 or byte in b"\t\r\n" for byte in head)
-            hint = f" ({head.decode()!r}: does it print to stdout?)" if is_text else ""
-            most = self._max_response_bytes
-            raise ProtocolError(f"announced an answer of {num} bytes{hint}, at most {most} are taken")
-        response = messages.parse_response(self.process.receive(num, deadline), self._sequence)
-        kind = response.WhichOneof("kind")
-        if kind == "error":
-            raise RefusedError(f"says: {response.error[:_MAX_ERROR_CHARS]}")
-        if kind != expected:
-            raise ProtocolError(f"answered with {kind}, expected {expected}")
-        return response
 
 
 @dataclass(frozen=True)
@@ -107,7 +55,8 @@ class Exec:
         self._params = params
         self._command = parse_command(params.command)
         self._kept = KeptText()
-        self._dialogue: Dialogue | None = None
+        self._process: Process | None = None
+        self._max_response_bytes, self._sequence = params.max_response_mib * _MIB, 0
         self._stages: tuple[str, ...] = ()
         self._identity: dict[str, object] = {}
 
@@ -118,7 +67,7 @@ class Exec:
         self._hello = messages.hello(rig, log_info)
         try:
             with self._watch():
-                ready = self._greet(self._dialogue or self._begin())
+                ready = self._greet()
         except RefusedError as error:
             self._kill()
             raise LogError(str(error)) from error
@@ -132,11 +81,11 @@ class Exec:
 
     def reset(self, reason: str) -> None:
         """Have the program forget all tracks; one that was lost has none."""
-        if self._dialogue is None:
+        if self._process is None:
             return
         try:
             with self._watch():
-                self._dialogue.reset(reason, self._params.frame_timeout_s)
+                self._reset(reason)
         except RefusedError:
             self._kill()  # it may still hold what it should have forgotten
             raise
@@ -147,28 +96,29 @@ class Exec:
         that it can't do this frame. Raises DataError where boxes are incomplete or not finite.
         """
         with self._watch():
-            if (dialogue := self._dialogue) is None:
-                dialogue = self._begin()
+            if self._process is None:
                 try:
-                    self._greet(dialogue)
-                    dialogue.reset("the program was started again", self._params.frame_timeout_s)
+                    self._greet()
+                    self._reset("the program was started again")
                 except RefusedError:
                     self._kill()
                     raise
-            output = dialogue.step(frame, self._params.frame_timeout_s)
+            output = self._ask("output", self._params.frame_timeout_s, frame).output
         result = messages.to_output(output)
         # Each name of a stage becomes a column of the run: they may not be new in every frame.
         names = dict.fromkeys([*self._stages, *result.stage_ns])
-        if len(names) > _MAX_STAGES:
-            raise DataError(f"stages: over {_MAX_STAGES} different names in the run, such as '{list(names)[-1]}'")
+        if len(names) > messages.MAX_STAGES:
+            raise DataError(
+                f"stages: over {messages.MAX_STAGES} different names in the run, such as '{list(names)[-1]}'"
+            )
         self._stages = tuple(names)
         return result
 
     def close(self) -> None:
         """End the program."""
-        dialogue, self._dialogue = self._dialogue, None
-        if dialogue is not None:
-            dialogue.process.close(self._params.close_timeout_s)
+        process, self._process = self._process, None
+        if process is not None:
+            process.close(self._params.close_timeout_s)
 
     def identity(self) -> Mapping[str, object]:
         """Name that the program gave itself at the start, and its files, so that two builds of it can be told apart."""
@@ -178,13 +128,47 @@ class Exec:
         """What the program wrote to stderr in all its lives: the first and the last 512 KiB."""
         return self._kept.text()
 
-    def _begin(self) -> Dialogue:
-        self._kept.begin()
-        self._dialogue = Dialogue(self._command, self._kept, self._params.max_response_mib * _MIB)
-        return self._dialogue
+    def _greet(self) -> schema.Ready:
+        ready = self._ask("ready", self._params.start_timeout_s, hello=self._hello).ready
+        if ready.version != self._hello.version:
+            raise ProtocolError(f"speaks version {ready.version} of the protocol, expected {self._hello.version}")
+        return ready
 
-    def _greet(self, dialogue: Dialogue) -> schema.Ready:
-        return dialogue.greet(self._hello, self._params.start_timeout_s)
+    def _reset(self, reason: str) -> None:
+        self._ask("done", self._params.frame_timeout_s, reset=schema.Reset(reason=reason))
+
+    def _ask(self, expected: str, timeout_s: float, frame: Frame | None = None, **small: Any) -> schema.Response:
+        """Send the next request, with a frame or what is `small`, and return the response; starts the program first
+        where it isn't running. Raises ConfigError where it can't be executed. Raises ProgramError, ProtocolError or
+        RefusedError where it doesn't answer as `expected`.
+        """
+        if self._process is None:
+            self._kept.begin()
+            self._process, self._sequence = Process(self._command, self._kept, 2 * self._max_response_bytes), 0
+        self._sequence += 1
+        if frame is None:
+            request = messages.small_request(self._sequence, **small)
+        else:
+            request = messages.frame_request(self._sequence, frame)
+        num = sum(map(len, request))
+        if num > _MAX_REQUEST_BYTES:
+            raise RefusedError(f"a frame of {num} bytes is too large for a request, which can have 2 GiB")
+        deadline = Deadline(timeout_s)
+        self._process.send([_LENGTH.pack(num), *request], deadline)
+        head = self._process.receive(_LENGTH.size, deadline)
+        (num,) = _LENGTH.unpack(head)
+        if num > self._max_response_bytes:
+            is_text = all(32 <= byte < 127 or byte in b"\t\r\n" for byte in head)
+            hint = f" ({head.decode()!r}: does it print to stdout?)" if is_text else ""
+            most = self._max_response_bytes
+            raise ProtocolError(f"announced an answer of {num} bytes{hint}, at most {most} are taken")
+        response = messages.parse_response(self._process.receive(num, deadline), self._sequence)
+        kind = response.WhichOneof("kind")
+        if kind == "error":
+            raise RefusedError(f"says: {response.error[:_MAX_ERROR_CHARS]}")
+        if kind != expected:
+            raise ProtocolError(f"answered with {kind}, expected {expected}")
+        return response
 
     @contextmanager
     def _watch(self) -> Iterator[None]:
@@ -199,6 +183,6 @@ class Exec:
             raise RefusedError(f"{self._command.name} {error}") from error
 
     def _kill(self) -> None:
-        dialogue, self._dialogue = self._dialogue, None
-        if dialogue is not None:
-            dialogue.process.kill()
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()

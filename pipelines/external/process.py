@@ -200,8 +200,7 @@ class Process:
             raise ProgramError(f"{unfinished} within {deadline.seconds:g} s")
         if self._stderr in ready:
             self._drain_stderr()
-        has_more = self._take_stdout() if ready & {self._stdout, self._exit} else True
-        if not has_more:
+        if ready & {self._stdout, self._exit} and not self._take_stdout():
             raise ProgramError(self._last_words("closed its stdout"))
         if self._exit in ready and self._stdout not in ready:
             raise ProgramError(self._last_words("ended"))

@@ -6,25 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fbench.pipelines.fusion.observations import inside_shares
 from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
 from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.image import stage
 from fbench.pipelines.sensors.image.objects import Points
-from fbench.pipelines.sensors.image.stage import (
-    SURE,
-    ImageObservations,
-    InImages,
-    Rays,
-    by_camera,
-    nearest_dense,
-    share_beyond,
-)
-from fbench.pipelines.sensors.radar.radar import median_rate
+from fbench.pipelines.sensors.image.stage import SURE, ImageObservations, InImages, Rays
+from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import rays
-from fbench.replay.geometry.iou import common_areas, iou_2d
+from fbench.replay.geometry.iou import iou_2d
 from fbench.replay.geometry.transforms import transform
 
 _CONTAINED = 0.7
@@ -133,7 +127,7 @@ class ImageFusion:
     def _view(self, camera: str, found: CameraDetections | None, others: Mapping[Source, InImages]) -> ImageView:
         parts = [view.seen[camera] for view in others.values() if camera in view.seen]
         if found is not None:
-            parts.append(by_camera(found, self._rig.cameras[camera]))
+            parts.append(stage.by_camera(found, self._rig.cameras[camera]))
         return ImageView(
             rig=self._rig,
             camera=camera,
@@ -164,10 +158,7 @@ def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) 
     )
     # Of objects in the place of a surer one sensors disagreed on how far away it is.
     boxes = np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4)
-    rivals, kept = iou_2d(boxes, boxes) > _SAME, np.ones(len(objects), np.bool_)
-    for at in range(len(objects)):
-        kept[at] = not (rivals[at, :at] & kept[:at]).any()
-    objects = [objects[at] for at in np.flatnonzero(kept)]
+    objects = [objects[at] for at in suppress(iou_2d(boxes, boxes) > _SAME)]
     return Boxes2D(
         camera=np.full(len(objects), view.camera),
         xyxy_px=np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4),
@@ -207,9 +198,7 @@ def similarity(seen: ImageObservations) -> Float64:
     upright = seen.upright[:, None] & seen.upright[None, :]
     guessed = seen.source == int(Source.C)
     depths = np.maximum(_depth_agreement(seen), np.where(guessed[:, None] | guessed[None, :], _MISTAKEN, 0.0))
-    overlaps = [
-        np.maximum(iou_2d(xyxy, xyxy), _CONTAINED * _inside_shares(xyxy, xyxy)) for xyxy in (seen.xyxy_px, flat)
-    ]
+    overlaps = [np.maximum(iou_2d(xyxy, xyxy), _CONTAINED * inside_shares(xyxy, xyxy)) for xyxy in (seen.xyxy_px, flat)]
     return np.where(upright, *(np.maximum(overlap, overlap.T) for overlap in overlaps)) * depths
 
 
@@ -221,18 +210,12 @@ def _depth_agreement(seen: ImageObservations) -> Float64:
     return np.asarray(np.exp(-0.5 * difference**2 / variance), np.float64)
 
 
-def _inside_shares(a: Float64, b: Float64) -> Float64:
-    """Share of each box of `a` (N, 4) that lies in each of `b` (M, 4): (N, M)."""
-    area = np.prod(a[:, 2:] - a[:, :2], axis=1)
-    return np.asarray(common_areas(a, b) / np.maximum(area, 1e-9)[:, None], np.float64)
-
-
 def _drop_parts(seen: ImageObservations, groups: list[Int64]) -> list[Int64]:
     """Leave out parts of what a sure camera and another sensor show together, unless a camera is surer of the part."""
     sure = (seen.source == int(Source.C)) & ~seen.weak
     whole = [rows for rows in groups if sure[rows[0]] and len(rows) > 1]
     boxes, depths = (np.array([rows[k] for rows in whole], np.int64) for k in (0, 1))
-    share = _inside_shares(seen.xyxy_px, seen.xyxy_px[boxes])
+    share = inside_shares(seen.xyxy_px, seen.xyxy_px[boxes])
     less = ~sure[:, None] | (seen.score[:, None] < seen.score[None, boxes])
     is_part = ((share > _PART) & (_depth_agreement(seen)[:, depths] > _AGREE) & less).any(axis=1)
     return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
@@ -254,7 +237,12 @@ def _object(
     depth = seen.depth_m[of[measured[0]]] if measured else next((e.depth_m for e in found.values()), np.nan)
     if np.isnan(depth):
         depth = seen.depth_m[shown]
-    box = _outline(seen, of, params)
+    box: Float64 = seen.xyxy_px[shown]
+    upright = [of[kind] for kind in measured if seen.upright[of[kind]]]
+    if upright and Source.C in of:  # drawn toward the outline of the points, the more the less the camera is sure
+        sure = min(float(seen.score[of[Source.C]]) / SURE, 1.0)
+        share = sure * params.measured_share + (1 - sure) * params.weak_measured_share
+        box = box + share * (seen.xyxy_px[upright[0]] - box)
     if Source.R in of:
         rate = float(seen.rate_mps[of[Source.R]])
     elif Source.R in found:
@@ -262,7 +250,7 @@ def _object(
     else:
         rate = float("nan")
         if (echoes := view.points.get(Source.R)) is not None:
-            rate = _rate(echoes, _in_box(echoes, box) & (np.abs(echoes.depth_m - depth) < _AROUND_M))
+            rate = echoes.cloud.rate_mps(_in_box(echoes, box) & (np.abs(echoes.depth_m - depth) < _AROUND_M))
     return ImageObject(
         xyxy_px=box,
         label=str(seen.label[shown]),
@@ -279,11 +267,12 @@ def _point_evidence(seen: ImageObservations, at: int, points: Points) -> PointEv
     guess, std = seen.depth_m[at], seen.depth_std[at]
     if np.isfinite(guess):
         inside &= np.abs(np.log(np.maximum(points.depth_m, 0.1) / guess)) < _GATE * std
-    depth = nearest_dense(np.sort(points.depth_m[inside]), _LEAST)
+    depth = stage.nearest_dense(np.sort(points.depth_m[inside]), _LEAST)
     if np.isnan(depth):
         return None
     on_it = inside & (np.abs(points.depth_m - depth) < _AROUND_M)
-    return PointEvidence(depth, float(saturate(int(np.count_nonzero(on_it)), _FULL)), _rate(points, on_it))
+    strength = float(saturate(int(np.count_nonzero(on_it)), _FULL))
+    return PointEvidence(depth, strength, points.cloud.rate_mps(on_it))
 
 
 def _in_box(points: Points, xyxy_px: Float64) -> Bool:
@@ -291,27 +280,6 @@ def _in_box(points: Points, xyxy_px: Float64) -> Bool:
     u, v = points.uv_px.T
     inside: Bool = (u > left) & (u < right) & (v > top) & (v < bottom)
     return inside
-
-
-def _rate(points: Points, rows: Bool) -> float:
-    own = points.cloud.own_mps[rows]
-    if not np.isfinite(own).any():
-        return float("nan")
-    rate = median_rate(points.cloud.over_ground_mps[rows], points.cloud.period_mps[rows])
-    return rate - float(np.nanmedian(own))
-
-
-def _outline(seen: ImageObservations, of: Mapping[Source, int], params: ImageFusionParams) -> Float64:
-    """Outline (4,) [px] by the camera, drawn toward that of the points, the more the less the camera is sure; without
-    a camera by LiDAR, else radar.
-    """
-    boxes = [seen.xyxy_px[of[kind]] for kind in (Source.L, Source.R) if kind in of and seen.upright[of[kind]]]
-    own: Float64 = seen.xyxy_px[of.get(Source.C, of.get(Source.L, of.get(Source.R, 0)))]
-    if not boxes or Source.C not in of:
-        return own
-    sure = min(float(seen.score[of[Source.C]]) / SURE, 1.0)
-    share = sure * params.measured_share + (1 - sure) * params.weak_measured_share
-    return np.asarray(own + share * (boxes[0] - own), np.float64)
 
 
 def _score(
@@ -348,7 +316,7 @@ def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, s
     if kind not in view.rays or np.isnan(depth_m):
         return False
     depths = view.rays[kind].depths(box)
-    return len(depths) >= _LEAST_RAYS and share_beyond(depths, depth_m - _BEFORE_M, depth_m + _BEHIND_M) > share
+    return len(depths) >= _LEAST_RAYS and stage.share_beyond(depths, depth_m - _BEFORE_M, depth_m + _BEHIND_M) > share
 
 
 def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:

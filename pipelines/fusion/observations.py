@@ -8,11 +8,13 @@ from fbench.pipelines.fusion.kernels import inside_boxes
 from fbench.pipelines.fusion.sizes import LOW_TRUCK_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.points.vehicle import center_offsets
 from fbench.replay.contracts.params import CheckedParams, bounded
-from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import project, project_body, project_boxes, rays
+from fbench.replay.geometry.iou import common_areas
 from fbench.replay.geometry.lenses import lens_of
 from fbench.replay.geometry.transforms import inverse, transform
 
@@ -200,6 +202,23 @@ def outline_overlaps(rig: Rig, camera: str, boxes: Boxes3D, xyxy_px: Float64) ->
     common = np.maximum(sides, 0.0).prod(axis=1)
     areas = [(part[:, 2:] - part[:, :2]).prod(axis=1) for part in (outlines, xyxy_px)]
     return np.asarray(np.nan_to_num(common / np.maximum(sum(areas) - common, 1e-9)), np.float64)
+
+
+def inside_shares(a: Float64, b: Float64) -> Float64:
+    """Share of each rectangle of `a` (N, 4) that lies in each of `b` (M, 4): (N, M)."""
+    area = np.prod(a[:, 2:] - a[:, :2], axis=1)
+    return np.asarray(common_areas(a, b) / np.maximum(area, 1e-9)[:, None], np.float64)
+
+
+def are_one(boxes: Boxes3D, merge_m: float | Float64) -> Bool:
+    """Which pairs (N, N) of boxes are one object: their centers are nearer than `merge_m`, which may differ by pair, or
+    that of one lies in the other: of long vehicles radar shows only the near end.
+    """
+    along, across = center_offsets(boxes)
+    half = boxes.size_lwh_m[:, None, :2] / 2
+    holds = (along <= half[..., 0]) & (across <= half[..., 1])
+    offset = boxes.center_m[None, :, :2] - boxes.center_m[:, None, :2]
+    return np.asarray((np.hypot(offset[..., 0], offset[..., 1]) < merge_m) | holds | holds.T, np.bool_)
 
 
 @dataclass(frozen=True, eq=False)

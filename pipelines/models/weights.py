@@ -32,10 +32,7 @@ _DEIMV2 = (
     "https://raw.githubusercontent.com/Kazuhito00/DEIMv2-ONNX-Sample/f88d4382abca74edb26ed4c7f46190ac40da0ea5/model"
 )
 # GitHub sends who asks for a file of a release to one of these.
-_GITHUB = tuple(
-    f"https://{host}"
-    for host in ("github.com", "release-assets.githubusercontent.com", "objects.githubusercontent.com")
-)
+_GITHUB = ("https://github.com", *(f"https://{kind}.githubusercontent.com" for kind in ("release-assets", "objects")))
 _RAW = ("https://raw.githubusercontent.com",)
 
 

@@ -2,7 +2,8 @@
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import partial
 from typing import Any
 
 from fbench.replay.contracts.params import StageClock
@@ -29,7 +30,8 @@ class Branches:
         branches; their sum may be more than the time that passed. Raises Exception that of the first branch, in the
         order given, that failed.
         """
-        runs = [_Run(branch) for branch in branches]
+        clocks = [StageClock() for _ in branches]
+        runs = [(Future[Any](), partial(branch, own)) for branch, own in zip(branches, clocks, strict=True)]
         waiting, helpers = deque(runs), []
         for _ in range(min(self._num_others, len(runs) - 1)):
             self._pool = self._pool or ThreadPoolExecutor(self._num_others, "fbench-branch")
@@ -39,30 +41,21 @@ class Branches:
         finally:  # also when interrupted
             waiting.clear()
             wait([helper for helper in helpers if not helper.cancel()])
-        for run in runs:
-            if run.error is not None:
-                raise run.error
-            clock.include(run.clock)
-        return tuple(run.result for run in runs)
+        results = []
+        for (future, _), own in zip(runs, clocks, strict=True):
+            results.append(future.result())
+            clock.include(own)
+        return tuple(results)
 
 
-class _Run:
-    def __init__(self, branch: Callable[[StageClock], Any]) -> None:
-        self._branch, self.clock, self.result = branch, StageClock(), None
-        self.error: BaseException | None = None
-
-    def __call__(self) -> None:
-        try:
-            self.result = self._branch(self.clock)
-        except BaseException as error:  # noqa: BLE001 - raised again by `Branches.run`
-            self.error = error
-
-
-def _work_off(waiting: deque[_Run]) -> None:
+def _work_off(waiting: deque[tuple[Future[Any], partial[Any]]]) -> None:
     """Run what waits, until nothing does; other threads may do the same."""
     while True:
         try:
-            run = waiting.popleft()
+            future, branch = waiting.popleft()
         except IndexError:  # asking first could be too late when it is answered
             return
-        run()
+        try:
+            future.set_result(branch())
+        except BaseException as error:  # noqa: BLE001 - raised again by `Branches.run`
+            future.set_exception(error)

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -173,7 +174,7 @@ class PoseFinder:
 
 
 @dataclass(frozen=True)
-class Which(CheckedParams):
+class ResultParams(CheckedParams):
     """Which results, and how they belong to frames: parameters of pipelines that take them."""
 
     topic: str = ""
@@ -187,7 +188,7 @@ class Which(CheckedParams):
 class Found:
     """What was recorded for one frame."""
 
-    boxes: Boxes | None  # In body coordinates, or in images of the rig's cameras; `None` where there is no result
+    boxes: Boxes  # In body coordinates, or in images of the rig's cameras; empty where there is no result
     world_T_body: Float64 | None  # Pose (4, 4) of the body, `None` where unknown
     missing: Mapping[str, str] = field(default_factory=dict)  # What isn't there, and why
     faults: tuple[Fault, ...] = ()
@@ -196,11 +197,13 @@ class Found:
 
 
 class RecordedBoxes:
-    """Finds the result of each frame for a pipeline, whose name errors give."""
+    """Finds the result of each frame, for pipelines."""
 
-    def __init__(self, pipeline: str, params: Which) -> None:
-        self._pipeline, self._params = pipeline, params
-        self._name = params.topic or "results"
+    name: ClassVar[str]  # Of the pipeline, in errors
+    argument: ClassVar[str] = "topic"
+
+    def __init__(self, params: ResultParams) -> None:
+        self._params, self._topic = params, params.topic or "results"
         self._log: BoxReader | None = None
         self._finder: ResultFinder | None = None
         self._poses: PoseFinder | None = None
@@ -216,7 +219,7 @@ class RecordedBoxes:
         """
         self._rig = rig
         if self._log is None:
-            raise ConfigError(f"pipeline '{self._pipeline}' reads results from a log, and got none")
+            raise ConfigError(f"pipeline '{self.name}' reads results from a log, and got none")
         if self._finder is None:
             self.kind = self._first_kind(self._log, log_info)
             results = self._log.detections(self._params.topic)
@@ -224,7 +227,7 @@ class RecordedBoxes:
             self._finder = ResultFinder(results, tolerance_ns, offset_ns)
             self._poses = PoseFinder(self._log.body_poses(), min(self._log.poses, default=None))
 
-    def enter(self) -> None:
+    def reset(self, reason: str) -> None:
         """Begin a segment."""
         if self._finder is not None:
             self._finder.enter()
@@ -232,20 +235,21 @@ class RecordedBoxes:
     def take(self, frame: Frame) -> Found:
         """Return what was recorded for the next frame."""
         if self._finder is None:
-            raise ConfigError(f"pipeline '{self._pipeline}' wasn't started")
+            raise ConfigError(f"pipeline '{self.name}' wasn't started")
         result, num_passed = self._finder.take(frame)
         world_T_body = None if self._poses is None else self._poses.world_T_body(frame)
-        faults = (Fault("PRD003", f"{self._name} before frame {frame.index}"),) * num_passed
+        faults = (Fault("PRD003", f"{self._topic} before frame {frame.index}"),) * num_passed
         if result is None:
             why = f"no output within {self._params.tolerance_ms:g} ms"
-            return Found(None, world_T_body, {self._name: why}, faults)
+            return Found(self.kind.empty(), world_T_body, {self._topic: why}, faults)
         boxes, missing = self._place(result, world_T_body)
         latency_ns = result.log_ns - frame.stamp_ns
         # What has the stamp itself for its time of recording wasn't recorded by a stack at work.
         is_timed = boxes is not None and result.log_ns > 0 and result.log_ns != result.stamp_ns
         if is_timed and latency_ns < 0:
-            faults = (*faults, Fault("PRD004", f"{self._name}: {-latency_ns / 1e6:.3f} ms"))
-        return Found(boxes, world_T_body, missing, faults, latency_ns if is_timed and latency_ns >= 0 else None)
+            faults = (*faults, Fault("PRD004", f"{self._topic}: {-latency_ns / 1e6:.3f} ms"))
+        latency = latency_ns if is_timed and latency_ns >= 0 else None
+        return Found(self.kind.empty() if boxes is None else boxes, world_T_body, missing, faults, latency)
 
     def _first_kind(self, log: BoxReader, log_info: LogInfo) -> type[Boxes]:
         """Kind of the first boxes that there are; of results without any box the kind of the first one."""
@@ -253,7 +257,7 @@ class RecordedBoxes:
         for result in log.detections(self._params.topic):
             if result.in_world and not log.poses:
                 raise LogError(
-                    f"log '{log_info.name}': the boxes of '{self._name}' are in coordinates of the world, and the log "
+                    f"log '{log_info.name}': the boxes of '{self._topic}' are in coordinates of the world, and the log "
                     "has no poses to move them to the body; name a topic with poses (`pose` in [body] of fbench.toml)",
                     "CFG001",
                 )
@@ -262,21 +266,21 @@ class RecordedBoxes:
                     return type(boxes)
                 empty = type(boxes) if empty is None and boxes is not None else empty
         if empty is None:
-            raise LogError(f"log '{log_info.name}': '{self._name}' holds no result that can be used", "CFG001")
+            raise LogError(f"log '{log_info.name}': '{self._topic}' holds no result that can be used", "CFG001")
         return empty
 
     def _place(self, result: Truth, world_T_body: Float64 | None) -> tuple[Boxes | None, dict[str, str]]:
         """Boxes in body coordinates or in images of the rig's cameras, and what is missing."""
         if self.kind is Boxes2D:
             if (boxes := result.boxes2d) is None:
-                return None, {self._name: "no boxes in images, as in other frames"}
+                return None, {self._topic: "no boxes in images, as in other frames"}
             known = np.isin(boxes.camera, sorted(self._rig.cameras))
             others = sorted(set(boxes.camera[~known].tolist()))
-            return boxes[known], {f"{self._name} in {name}": "isn't among the cameras of the run" for name in others}
+            return boxes[known], {f"{self._topic} in {name}": "isn't among the cameras of the run" for name in others}
         if result.boxes3d is None:
-            return None, {self._name: "no boxes in 3D, as in other frames"}
+            return None, {self._topic: "no boxes in 3D, as in other frames"}
         if not result.in_world:
             return result.boxes3d, {}
         if world_T_body is None:
-            return None, {self._name: "no pose that moves it from the world to the body"}
+            return None, {self._topic: "no pose that moves it from the world to the body"}
         return move_boxes(result.boxes3d, inverse(world_T_body)), {}

@@ -1,4 +1,4 @@
-"""Rows of frozen dataclasses whose fields are arrays of one length, or have such rows themselves."""
+"""Rows of frozen dataclasses whose fields are arrays of one length, and which of them stay in place of rivals."""
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -6,7 +6,17 @@ from typing import Any, Self
 
 import numpy as np
 
-from fbench.replay.data.arrays import Array
+from fbench.replay.data.arrays import Array, Bool, Int64
+
+
+def suppress(rivals: Bool) -> Int64:
+    """Greedy non-maximum suppression: rows (K,) that stay where each of N, the surest first, gives way to those before
+    it that stay and are its `rivals` (N, N).
+    """
+    stays = np.ones(len(rivals), np.bool_)
+    for row in range(1, len(rivals)):
+        stays[row] = not (rivals[row, :row] & stays[:row]).any()
+    return np.flatnonzero(stays)
 
 
 class Rows:

@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fbench.pipelines.tracking.kalman import States
+from fbench.pipelines.tracking.kalman import PLACE, PLACE_VAR, States
+from fbench.pipelines.tracking.kernels import generalize_iou
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.iou import flat_iou, iou_2d
 
@@ -58,9 +59,9 @@ def mahalanobis_nearness(states: States, measured: Float64, measured_std: Float6
     influence each other. Takes predicted states, measurements (M, m) and their standard deviations (m,) or (M, m).
     """
     variance = np.broadcast_to(measured_std, measured.shape) ** 2
-    apart = measured[None, :, :] - states.place[:, None, :]
-    squared = np.sum(apart**2 / (states.place_var[:, None, :] + variance[None, :, :]), axis=2)
-    return nearness(np.sqrt(squared), np.full(len(states), gate))
+    apart = measured[None, :, :] - states[PLACE][:, None, :]
+    squared = np.sum(apart**2 / (states[PLACE_VAR][:, None, :] + variance[None, :, :]), axis=2)
+    return nearness(np.sqrt(squared), np.full(len(apart), gate))
 
 
 def footprint_iou(a: Float64, b: Float64, solid: bool = False) -> Float64:
@@ -85,6 +86,4 @@ def giou_3d(a: Float64, b: Float64) -> Float64:
     """Generalized IoU (N, M) in space of upright boxes (N, 7) and (M, 7): center, size, heading; see `giou_2d`. The
     hull is that of both footprints, from the lower bottom to the higher top; -1 where boxes aren't finite.
     """
-    from fbench.pipelines.tracking.kernels import generalize_iou  # numba takes a while to import
-
     return generalize_iou(np.ascontiguousarray(a), np.ascontiguousarray(b), footprint_iou(a, b, solid=True))

@@ -4,8 +4,13 @@ import math
 
 import numpy as np
 
-from fbench.replay.data.arrays import Float64
+from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
+
+
+def one_layout(values: Array) -> Float64:
+    """Copy to the one kind of array for which the kernels are compiled once."""
+    return np.array(values, np.float64, order="C")
 
 
 @kernel

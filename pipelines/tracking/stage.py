@@ -4,11 +4,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Generic, Protocol
+from typing import Any, Generic, Protocol
 
 from fbench.pipelines.sensors.points.merged import world_T_body
-from fbench.pipelines.tracking.trackers import Tracker3D
-from fbench.pipelines.tracking.tracks import B, Tracker
+from fbench.pipelines.tracking.trackers import B, Tracker, Tracker3D
 from fbench.replay.contracts.params import StageClock, require_between
 from fbench.replay.data.boxes import Boxes
 from fbench.replay.data.frames import Fault, Frame, Output
@@ -79,8 +78,9 @@ class TrackingPipeline(ABC, Generic[B]):
     """
 
     missing: Mapping[str, str] = NOTHING  # Sensors that can't be used in any frame, with the reason
+    weights: Mapping[str, object] = NOTHING  # See `identity`
 
-    def __init__(self, tracker: Tracker[B], detect_every: int) -> None:
+    def __init__(self, tracker: Tracker[B, Any], detect_every: int) -> None:
         self._tracker, self._interval = tracker, DetectionInterval(detect_every)
         self._remember()
 
@@ -90,6 +90,10 @@ class TrackingPipeline(ABC, Generic[B]):
         """
         self._rig = rig
         self.reset("start")
+
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self.weights
 
     def _remember(self, *parts: Memory) -> None:
         """Name the sensors and fusion that remember something of earlier frames of a segment."""

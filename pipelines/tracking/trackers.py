@@ -1,42 +1,184 @@
-"""Tracking of boxes: in space, in world coordinates where poses are known, and in images, each camera for itself."""
+"""Trackers of boxes: in space, in world coordinates where poses are known, and in images, each camera for itself."""
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from fbench.pipelines.tracking import association, kalman
-from fbench.pipelines.tracking.kalman import States
-from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
-from fbench.pipelines.tracking.tracks import Columns, Tracker, Tracks, mean_of, newest_share
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.pipelines.tracking.kalman import PLACE, RATE, States
+from fbench.pipelines.tracking.kernels import as_corners, as_measured, one_layout
+from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, TrackerParams
+from fbench.pipelines.tracking.tracks import Columns, Tracks, are_rivals, count_votes, rows, sort_detections
+from fbench.replay.contracts.errors import DataError
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.geometry.iou import distance_bev, iou_2d
 from fbench.replay.geometry.transforms import extrapolate, inverse, transform, wrap_angle
 
-
-class EgoPoses:
-    """Remembers the last two poses, and goes on from them at constant speed and turn rate."""
-
-    def __init__(self) -> None:
-        self._poses: list[tuple[int, Float64]] = []
-
-    @property
-    def known(self) -> bool:
-        """Whether there was a pose."""
-        return bool(self._poses)
-
-    def step(self, stamp_ns: int, world_T_body: Float64 | None) -> Float64 | None:
-        """Return the pose (4, 4) to use at `stamp_ns`; `None` before the first."""
-        if world_T_body is not None:
-            self._poses = [*self._poses[-1:], (stamp_ns, world_T_body)]
-            return world_T_body
-        if len(self._poses) < 2:
-            return self._poses[0][1] if self._poses else None
-        (before_ns, before), (last_ns, last) = self._poses
-        return extrapolate(before, last, (stamp_ns - last_ns) / (last_ns - before_ns))
+B = TypeVar("B", bound=Boxes2D | Boxes3D)
+P = TypeVar("P", bound=TrackerParams)
 
 
-class Tracker3D(Tracker[Boxes3D]):
+class Tracker(ABC, Generic[B, P]):
+    """Kalman filters with constant velocity, one a track; subclasses know what is measured and what fits.
+
+    A step predicts all tracks, pairs them with detections and corrects those that got one. Tracks that were missed too
+    often end. Every detection that is left, unless its score is weak, starts a track: see `_start_tracks`.
+
+    Ids go by the order of detections in which tracks begin; with `any_order` detections are sorted by their content
+    first, and those that aren't finite are left out.
+    """
+
+    kind: type[B]  # Of boxes
+    place: str  # Name of the column that says where a detection is
+    carries: tuple[str, ...]  # Names of all columns
+
+    def __init__(self, params: P, *, any_order: bool = False) -> None:
+        self._params, self._any_order, self._next_id = params, any_order, 1
+        self.reset()
+
+    def reset(self) -> None:
+        """End all tracks; their ids are not used again."""
+        self._tracks: Tracks | None = None
+        self._stamp_ns = self._steps = 0
+        self._with_label = False
+
+    def step(self, boxes: B, stamp_ns: int, world_T_body: Float64 | None = None) -> B:
+        """Take the detections at `stamp_ns`; returns the tracks, also those only predicted, in the same coordinates.
+
+        Fields of the result are the same in every step; `label` is there where the detections have it. The pose counts
+        in space alone. Raises DataError where `stamp_ns` isn't later than at the last step since the reset.
+        """
+        pose = self._take_pose(stamp_ns, world_T_body)
+        detections = self._columns(boxes)
+        if self._any_order:
+            detections = sort_detections(detections, self.place)
+        if pose is not None:
+            detections = self._move(detections, pose)
+        weak = np.asarray(detections["score"] < self._params.weak_score, np.bool_)
+        if self._tracks is None:
+            self._tracks = self._start_tracks(rows(detections, ~weak), stamp_ns)
+        else:
+            self._tracks = self._follow(self._advance(self._tracks, stamp_ns), detections, weak, stamp_ns)
+        self._stamp_ns, self._steps = stamp_ns, self._steps + 1
+        self._with_label = boxes.label is not None or (not len(boxes) and self._with_label)
+        return self._report(self._tracks, pose)
+
+    def predict(self, stamp_ns: int, world_T_body: Float64 | None = None) -> B:
+        """Return tracks at an instant without detection, so that none missed anything. Raises DataError: see `step`."""
+        pose = self._take_pose(stamp_ns, world_T_body)
+        if self._tracks is None:
+            return self._report(self._start_tracks(self._columns(self.kind.empty()), stamp_ns), pose)
+        self._tracks = self._advance(self._tracks, stamp_ns)
+        self._stamp_ns = stamp_ns
+        return self._report(self._tracks, pose)
+
+    def _start_tracks(self, detections: Columns, stamp_ns: int) -> Tracks:
+        num, first_id = len(detections["score"]), self._next_id
+        self._next_id += num
+        return Tracks(
+            track_id=first_id + np.arange(num),
+            hits=np.ones(num, np.int64),
+            missed=np.zeros(num, np.int64),
+            updated_ns=np.full(num, stamp_ns, np.int64),
+            votes=count_votes(detections["label"], detections["score"]),
+            states=self._first_states(detections),
+            last=detections,
+        )
+
+    def _follow(self, tracks: Tracks, detections: Columns, weak: Bool, stamp_ns: int) -> Tracks:
+        similarity, least = self._similarity(tracks, detections, stamp_ns)
+        similarity[are_rivals(tracks.last["label"], detections["label"])] = 0.0
+        at, columns = association.associate_weak_last(similarity, least, weak)
+        found = rows(detections, columns)
+        states = kalman.update(tracks.states.take(at, axis=1), *self._measure(found))
+        carried = self._carry(tracks, at, found)
+        if self._params.score == "mean":
+            carried["score"] = mean_of(tracks.last["score"][at], found["score"], 1.0 / (tracks.hits[at] + 1))
+        tracks = tracks.measure(at, carried, states, stamp_ns)
+        is_confirmed = (tracks.hits >= self._params.min_hits) & (tracks.missed <= self._params.max_missed)
+        alive = tracks.select((tracks.missed == 0) | is_confirmed)
+        new = ~weak
+        new[columns] = False
+        return alive.join(self._start_tracks(rows(detections, new), stamp_ns)) if new.any() else alive
+
+    def _advance(self, tracks: Tracks, stamp_ns: int) -> Tracks:
+        if stamp_ns <= self._stamp_ns:
+            raise DataError(
+                f"tracker: stamp {stamp_ns} isn't after {self._stamp_ns}, reset trackers where a segment begins"
+            )
+        return self._predict(tracks, (stamp_ns - self._stamp_ns) * 1e-9)
+
+    def _report(self, tracks: Tracks, pose: Float64 | None) -> B:
+        """Boxes of confirmed tracks that weren't missed too often or for too long; early on fewer hits are enough."""
+        p = self._params
+        coasted_s = (self._stamp_ns - tracks.updated_ns) * 1e-9
+        is_confirmed = tracks.hits >= min(p.min_hits, self._steps)
+        is_proven = tracks.hits >= tracks.missed * p.hits_per_missed
+        is_recent = (tracks.missed <= p.max_missed_shown) & (coasted_s <= p.max_coast_s)
+        tracks = tracks.select(is_confirmed & is_proven & is_recent)
+        predicted = np.asarray(tracks.updated_ns < self._stamp_ns, np.bool_)
+        found: Columns = tracks.last | {"track_id": tracks.track_id, "predicted": predicted, "label": tracks.labels()}
+        if p.predicted_share < 1.0:  # negative scores, which are no probabilities, stay
+            found["score"] = np.where(
+                predicted & (found["score"] > 0), found["score"] * p.predicted_share, found["score"]
+            )
+        if not self._with_label:
+            del found["label"]
+        return self._boxes(found, tracks.states, pose)
+
+    def _take_pose(self, stamp_ns: int, world_T_body: Float64 | None) -> Float64 | None:
+        """Pose to track by; `None`: in the coordinates of the detections."""
+        return None
+
+    def _move(self, detections: Columns, dst_T_src: Float64) -> Columns:
+        return detections
+
+    def _columns(self, boxes: Boxes2D | Boxes3D) -> Columns:
+        """The fields that tracks carry, present in any case."""
+        num, columns = len(boxes), dict[str, Array]()
+        unknown: Columns = {
+            "label": np.full(num, "other"),
+            "score": np.ones(num),
+            "sources": np.zeros(num, np.uint8),
+            "velocity_mps": np.full((num, 3), np.nan),
+        }
+        for name in self.carries:
+            array = getattr(boxes, name)
+            columns[name] = unknown.get(name, np.full(num, np.nan)) if array is None else array
+        return columns
+
+    @abstractmethod
+    def _first_states(self, detections: Columns) -> States: ...
+
+    @abstractmethod
+    def _measure(self, detections: Columns) -> tuple[Float64, Float64]:
+        """What the filters measure of detections (N, m), and its standard deviation."""
+
+    @abstractmethod
+    def _predict(self, tracks: Tracks, dt_s: float) -> Tracks: ...
+
+    @abstractmethod
+    def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
+        """How well tracks and detections fit (T, M), whatever their labels, and how well a pair must."""
+
+    @abstractmethod
+    def _carry(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
+        """What the tracks `at` carry on from the detections that measured them."""
+
+    @abstractmethod
+    def _boxes(self, found: Columns, states: States, pose: Float64 | None) -> B: ...
+
+
+def mean_of(before: Float64, now: Float64, share: Float64) -> Float64:
+    """Mean of what was (T, ...) and a new measurement with its share (T,)."""
+    share = share.reshape(share.shape + (1,) * (now.ndim - 1))
+    return before + share * (now - before)
+
+
+class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
     """Linear Kalman filter with constant velocity per box, state (cx, cy, cz, vx, vy, vz) (thesis, Tracking).
 
     Size and heading are those measured last, or means. With poses the filter runs in world coordinates and velocities
@@ -48,23 +190,28 @@ class Tracker3D(Tracker[Boxes3D]):
     carries = ("center_m", "size_lwh_m", "yaw_rad", "velocity_mps", "label", "score", "sources")
 
     def __init__(self, params: Tracker3DParams, *, any_order: bool = False) -> None:
-        self._params = params
         self._measured_std, self._rate_std, self._drift_std = (
             np.full(3, std) for std in (params.measured_std_m, params.rate_std_mps, params.drift_std_mps)
         )
-        super().__init__(params, any_order)
+        super().__init__(params, any_order=any_order)
 
     def reset(self) -> None:
         """End all tracks, whose ids are not used again, and forget all poses."""
         super().reset()
-        self._ego = EgoPoses()
+        self._poses: list[tuple[int, Float64]] = []  # The last two
 
     def _take_pose(self, stamp_ns: int, world_T_body: Float64 | None) -> Float64 | None:
         if not self._params.ego_motion:
             return None
-        if world_T_body is not None and not self._ego.known:
-            self._tracks, self._steps = None, 0
-        return self._ego.step(stamp_ns, world_T_body)
+        if world_T_body is not None:
+            if not self._poses:
+                self._tracks, self._steps = None, 0
+            self._poses = [*self._poses[-1:], (stamp_ns, world_T_body)]
+            return world_T_body
+        if len(self._poses) < 2:
+            return self._poses[0][1] if self._poses else None
+        (before_ns, before), (last_ns, last) = self._poses  # goes on at constant speed and turn rate
+        return extrapolate(before, last, (stamp_ns - last_ns) / (last_ns - before_ns))
 
     def _move(self, detections: Columns, dst_T_src: Float64) -> Columns:
         """Move boxes to another coordinate frame; their headings turn about z alone."""
@@ -79,7 +226,7 @@ class Tracker3D(Tracker[Boxes3D]):
 
     def _first_states(self, detections: Columns) -> States:
         center = detections["center_m"]
-        rates = np.nan_to_num(detections["velocity_mps"]) if self._ego.known else np.zeros_like(center)
+        rates = np.nan_to_num(detections["velocity_mps"]) if self._poses else np.zeros_like(center)
         return kalman.begin(center, rates, self._measured_std, self._rate_std)
 
     def _measure(self, detections: Columns) -> tuple[Float64, Float64]:
@@ -89,9 +236,9 @@ class Tracker3D(Tracker[Boxes3D]):
         return replace(tracks, states=kalman.predict(tracks.states, dt_s, self._drift_std))
 
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
-        p, center, found = self._params, tracks.states.place, detections["center_m"]
+        p, center, found = self._params, tracks.states[PLACE], detections["center_m"]
         if p.association == "distance":
-            has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._ego.known else np.False_
+            has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._poses else np.False_
             grow_mps = np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
             gate_m = p.gate_m + grow_mps * ((stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9)
             return association.nearness(distance_bev(center, found), gate_m), 0.0
@@ -106,19 +253,17 @@ class Tracker3D(Tracker[Boxes3D]):
 
     def _carry(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
         """Means where the parameters ask for them, else what was measured."""
-        p, hits, before, result = self._params, tracks.hits[at] + 1, tracks.last, dict(found)
+        p, before, newest, result = self._params, tracks.last, 1.0 / (tracks.hits[at] + 1), dict(found)
         if p.size_share < 1.0:
-            share = newest_share(hits, p.size_share)
+            share = np.maximum(newest, p.size_share)
             result["size_lwh_m"] = mean_of(before["size_lwh_m"][at], found["size_lwh_m"], share)
         if p.yaw_share < 1.0:
-            share = newest_share(hits, p.yaw_share)
+            share = np.maximum(newest, p.yaw_share)
             result["yaw_rad"] = mean_yaw(before["yaw_rad"][at], found["yaw_rad"], share)[0]
-        if p.score == "mean":
-            result["score"] = mean_of(before["score"][at], found["score"], newest_share(hits, 0.0))
         return result
 
     def _boxes(self, found: Columns, states: States, pose: Float64 | None) -> Boxes3D:
-        found = found | {"center_m": states.place, "velocity_mps": states.rate}
+        found = found | {"center_m": states[PLACE], "velocity_mps": states[RATE]}
         return Boxes3D(**(found if pose is None else self._move(found, inverse(pose))))
 
 
@@ -133,7 +278,7 @@ def mean_yaw(before: Float64, now: Float64, share: Float64) -> tuple[Float64, Bo
 MIN_SHAPE = 1e-3  # Least area [px^2] and aspect ratio that a prediction can shrink to
 
 
-class Tracker2D(Tracker[Boxes2D]):
+class Tracker2D(Tracker[Boxes2D, Tracker2DParams]):
     """Linear Kalman filter with constant velocity per box, state (x, y, s, r, vx, vy, vs, vr) (thesis, Tracking).
 
     s is the box's area and r its width by its height. Detections join tracks of the same camera by IoU. Distance and
@@ -143,36 +288,28 @@ class Tracker2D(Tracker[Boxes2D]):
     kind, place = Boxes2D, "xyxy_px"
     carries = ("camera", "xyxy_px", "label", "score", "distance_m", "range_rate_mps", "sources")
 
-    def __init__(self, params: Tracker2DParams, *, any_order: bool = False) -> None:
-        self._params = params
-        super().__init__(params, any_order)
-
     def _first_states(self, detections: Columns) -> States:
         measured, measured_std = self._measure(detections)
         return kalman.begin(measured, np.zeros_like(measured), measured_std, self._params.rate_std * _unit(measured))
 
     def _measure(self, detections: Columns) -> tuple[Float64, Float64]:
-        from fbench.pipelines.tracking.kernels import as_measured  # numba takes a while to import
-
-        measured = as_measured(np.array(detections["xyxy_px"], np.float64, order="C"), MIN_SHAPE)
+        measured = as_measured(one_layout(detections["xyxy_px"]), MIN_SHAPE)
         return measured, self._params.measured_std * _unit(measured)
 
     def _predict(self, tracks: Tracks, dt_s: float) -> Tracks:
         before = tracks.states
-        states = kalman.predict(before, dt_s, self._params.drift_std * _unit(before.place))
-        bad = states.place[:, 2:] < MIN_SHAPE
+        states = kalman.predict(before, dt_s, self._params.drift_std * _unit(before[PLACE]))
+        bad = states[PLACE, :, 2:] < MIN_SHAPE
         if bad.any():  # no area or aspect: keep that of before, and forget its rate
-            values = states.values.copy()
-            values[kalman.PLACE, :, 2:][bad] = np.maximum(before.place[:, 2:][bad], MIN_SHAPE)
-            values[kalman.RATE, :, 2:][bad] = 0.0
-            states = States(values)
+            states[PLACE, :, 2:][bad] = np.maximum(before[PLACE, :, 2:][bad], MIN_SHAPE)
+            states[RATE, :, 2:][bad] = 0.0
         rate = tracks.last["range_rate_mps"]
         distance = tracks.last["distance_m"] + np.where(np.isnan(rate), 0.0, rate) * dt_s
         return replace(tracks, states=states, last=tracks.last | {"distance_m": distance})
 
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         p, least = self._params, 0.0
-        boxes, found = _corners(tracks.states.place), detections["xyxy_px"]
+        boxes, found = as_corners(one_layout(tracks.states[PLACE])), detections["xyxy_px"]
         if p.association == "mahalanobis":
             measured, std = self._measure(detections)
             similarity = association.mahalanobis_nearness(tracks.states, measured, std, p.max_mahalanobis)
@@ -186,23 +323,11 @@ class Tracker2D(Tracker[Boxes2D]):
         return similarity, least
 
     def _carry(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
-        kept: Columns = {}
-        for name in ("distance_m", "range_rate_mps"):
-            kept[name] = np.where(np.isnan(found[name]), tracks.last[name][at], found[name])
-        if self._params.score == "mean":
-            share = newest_share(tracks.hits[at] + 1, 0.0)
-            kept["score"] = mean_of(tracks.last["score"][at], found["score"], share)
+        kept = {n: np.where(np.isnan(found[n]), tracks.last[n][at], found[n]) for n in ("distance_m", "range_rate_mps")}
         return found | kept
 
     def _boxes(self, found: Columns, states: States, pose: Float64 | None) -> Boxes2D:
-        return Boxes2D(**(found | {"xyxy_px": _corners(states.place)}))
-
-
-def _corners(measured: Float64) -> Float64:
-    """Left, top, right, bottom (N, 4) of center, area and aspect ratio."""
-    from fbench.pipelines.tracking.kernels import as_corners  # numba takes a while to import
-
-    return as_corners(np.array(measured, np.float64, order="C"))
+        return Boxes2D(**(found | {"xyxy_px": as_corners(one_layout(states[PLACE]))}))
 
 
 def _unit(measured: Float64) -> Float64:

@@ -1,6 +1,5 @@
 """camera2d: a detector on every camera, and a tracker per camera."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -53,32 +52,21 @@ class Camera2D(TrackingPipeline[Boxes2D]):
                 "camera2d needs a detector for this log: fbench weights get deimv2-femto, then "
                 "--set camera.weights=deimv2-femto (or the path of an ONNX file)"
             )
-        self.missing = self._cameras.missing
+        self.missing, self.weights = self._cameras.missing, self._cameras.identity
         super().start(rig, log_info)
-
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._cameras.identity
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         faults = list[Fault]()
         seen = self._cameras.view(frame, clock, faults)
-        boxes = concatenate([no_detections(), *(camera_boxes(name, found) for name, found in seen.items())])
-        return Detected(boxes, tuple(faults))
-
-
-def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:
-    """Boxes of one camera with its name and source."""
-    num = len(found)
-    return Boxes2D(
-        camera=np.full(num, camera),
-        xyxy_px=found.xyxy_px,
-        label=found.label,
-        score=found.score,
-        sources=np.full(num, int(Source.C), np.uint8),
-    )
-
-
-def no_detections() -> Boxes2D:
-    """No boxes, with the same fields as others, so that tables of all frames are alike."""
-    return camera_boxes("", CameraDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1")))
+        none = CameraDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1"))  # gives all frames the same fields
+        boxes = [
+            Boxes2D(
+                np.full(len(found), name),
+                found.xyxy_px,
+                label=found.label,
+                score=found.score,
+                sources=np.full(len(found), Source.C, np.uint8),
+            )
+            for name, found in {"": none, **seen}.items()
+        ]
+        return Detected(concatenate(boxes), tuple(faults))

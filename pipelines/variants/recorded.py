@@ -1,61 +1,43 @@
 """recorded and track: detections of another system from a log or a file, as they are or tracked."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar
 
-from fbench.pipelines.sensors.recorded import RecordedBoxes, Which
+from fbench.pipelines.sensors.recorded import RecordedBoxes, ResultParams
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import DetectionInterval, predict_output
 from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.contracts.params import StageClock, bounded
-from fbench.replay.contracts.protocols import BoxReader
 from fbench.replay.data.boxes import Boxes, Boxes2D
 from fbench.replay.data.frames import Frame, Output
-from fbench.replay.data.rig import LogInfo, Rig
 
 STAGE = "recorded"  # Stands for all that the other system did
 
 
 @dataclass(frozen=True)
-class RecordedParams(Which):
+class RecordedParams(ResultParams):
     """Parameters of `recorded`."""
 
 
-class Recorded:
+class Recorded(RecordedBoxes):
     """Passes on what was recorded. Latency is the time from a frame's instant to the recording of its result."""
 
-    argument: ClassVar[str] = "topic"
+    name = "recorded"
 
     def __init__(self, params: RecordedParams = RecordedParams()) -> None:
-        self._recorded = RecordedBoxes("recorded", params)
-
-    def use_log(self, log: BoxReader) -> None:
-        """Take the log whose results are meant."""
-        self._recorded.use_log(log)
-
-    def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Find out whether boxes are in 3D or in images; a result that holds both counts in 3D. Raises LogError where
-        there are no results, or nothing can move them to the body.
-        """
-        self._recorded.start(rig, log_info)
-
-    def reset(self, reason: str) -> None:
-        """Begin a segment."""
-        self._recorded.enter()
+        super().__init__(params)
 
     def step(self, frame: Frame) -> Output:
         """Pass on the frame's result; boxes with ids are its tracks."""
-        found = self._recorded.take(frame)
-        boxes = self._recorded.kind.empty() if found.boxes is None else found.boxes
+        found = self.take(frame)
         stage_ns = {} if found.latency_ns is None else {STAGE: found.latency_ns}
-        return Output(boxes, boxes, stage_ns, found.faults, found.missing, clock="log")
+        return Output(found.boxes, found.boxes, stage_ns, found.faults, found.missing, clock="log")
 
 
 _TRACKING = Tracker3DParams(association="giou", max_missed=3, predicted_share=0.0)
 
 
 @dataclass(frozen=True)
-class TrackParams(Which):
+class TrackParams(ResultParams):
     """Parameters of `track`."""
 
     detect_every: int = bounded(1, 1)
@@ -65,18 +47,20 @@ class TrackParams(Which):
     tracking2d: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker where they are in images.
 
 
-class Track(Recorded):
+class Track(RecordedBoxes):
     """Tracks recorded detections, in 3D where there are any, else in images. Ids that they had are left aside."""
 
+    name = "track"
+
     def __init__(self, params: TrackParams = TrackParams()) -> None:
-        self._recorded = RecordedBoxes("track", params)
+        super().__init__(params)
         self._tracker3d = Tracker3D(params.tracking, any_order=True)
         self._tracker2d = Tracker2D(params.tracking2d, any_order=True)
         self._interval = DetectionInterval(params.detect_every)
 
     def reset(self, reason: str) -> None:
         """End all tracks."""
-        self._recorded.enter()
+        super().reset(reason)
         self._tracker3d.reset()
         self._tracker2d.reset()
         self._interval.reset()
@@ -85,13 +69,13 @@ class Track(Recorded):
         """Track what was detected; a frame between detections has its predicted tracks for detections."""
         clock, stamp_ns = StageClock(), frame.stamp_ns
         with clock.stage("read"):
-            found = self._recorded.take(frame)
+            found = self.take(frame)
         if not self._interval.is_due():
-            tracker = self._tracker2d if self._recorded.kind is Boxes2D else self._tracker3d
+            tracker = self._tracker2d if self.kind is Boxes2D else self._tracker3d
             return predict_output(
                 lambda: tracker.predict(stamp_ns, found.world_T_body), clock=clock, faults=found.faults
             )
-        boxes = self._recorded.kind.empty() if found.boxes is None else found.boxes
+        boxes = found.boxes
         with clock.stage("track"):
             tracks: Boxes
             if isinstance(boxes, Boxes2D):

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage, Obstac
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.radar import Compensated
+from fbench.pipelines.sensors.rows import Rows
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoStage
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -21,7 +21,7 @@ from fbench.replay.data.rig import LogInfo, Rig
 
 
 @dataclass(frozen=True, eq=False)
-class FusedCloud:
+class FusedCloud(Rows):
     """Points of all sensors in body coordinates: LiDAR, then stereo, then radar, each in its own canonical order."""
 
     xyz: Float64  # (N, 3) [m]
@@ -32,8 +32,16 @@ class FusedCloud:
     is_moving: Bool  # (N,) whether a radar saw it move
     height_m: Float64  # (N,) above the ground [m], 0 where that isn't known
 
-    def __len__(self) -> int:
-        return len(self.xyz)
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """What stands on the ground in one frame."""
+
+    lidar: Obstacles
+    stereo: Obstacles
+    plane: Plane | None
+    """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
+    noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
 
 
 @dataclass(frozen=True)
@@ -46,49 +54,27 @@ class EchoParams(CheckedParams, prefix="fusion.echoes"):
     """Standing echoes higher than this above the ground [m] are left out, where the ground is known."""
 
 
-def merge_clouds(
-    depth: "DepthView", echoes: Compensated | None, min_speed_mps: float, params: EchoParams
-) -> FusedCloud:
+def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: float, params: EchoParams) -> FusedCloud:
     """Merge what LiDAR and stereo see stand on the ground with radar echoes, in body coordinates.
 
     Echoes slower than `min_speed_mps` over ground stand, and so do those whose velocity isn't known; of the latter only
     the strongest of a scan are used. Radar is poor at heights, but standing echoes must be about as high as objects.
     """
     lidar, stereo, plane = depth.lidar, depth.stereo, depth.plane
-    dense = np.concatenate([lidar.xyz, stereo.xyz])
-    source = np.repeat(np.array([int(Source.L), int(Source.S)], np.uint8), [len(lidar.xyz), len(stereo.xyz)])
-    height = np.concatenate([lidar.height_m, stereo.height_m])
-    unknown, zero = np.full(len(dense), np.nan), np.zeros(len(dense))
+    nums = len(lidar.xyz), len(stereo.xyz)
+    xyz, height = np.concatenate([lidar.xyz, stereo.xyz]), np.concatenate([lidar.height_m, stereo.height_m])
+    source, zero = np.repeat(np.array([Source.L, Source.S], np.uint8), nums), np.zeros(len(xyz))
+    dense = FusedCloud(xyz, source, np.full(len(xyz), np.nan), zero, zero > 0, height)
     if echoes is None:
-        return FusedCloud(dense, source, unknown, zero, np.zeros(len(dense), np.bool_), height)
+        return dense
     moving = np.abs(echoes.range_rate_mps) >= min_speed_mps
     standing, above = np.isfinite(echoes.range_rate_mps) | echoes.is_strong, np.zeros(len(echoes.xyz))
     if plane is not None:
         above = echoes.xyz[:, 2] - plane.z_m(echoes.xyz)
         standing &= (above > params.least_height_m) & (above < params.most_height_m)
-    rows = moving | standing
-    return FusedCloud(
-        np.concatenate([dense, echoes.xyz[rows]]),
-        np.concatenate([source, np.full(int(np.count_nonzero(rows)), int(Source.R), np.uint8)]),
-        np.concatenate([unknown, echoes.range_rate_mps[rows]]),
-        np.concatenate([zero, echoes.period_mps[rows]]),
-        np.concatenate([np.zeros(len(dense), np.bool_), moving[rows]]),
-        np.concatenate([height, above[rows]]),
-    )
-
-
-Choice = Literal["auto", "on", "off"]
-
-
-@dataclass(frozen=True, eq=False)
-class DepthView:
-    """What stands on the ground in one frame."""
-
-    lidar: Obstacles
-    stereo: Obstacles
-    plane: Plane | None
-    """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
-    noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
+    source = np.full(len(moving), Source.R, np.uint8)
+    every = FusedCloud(echoes.xyz, source, echoes.range_rate_mps, echoes.period_mps, moving, above)
+    return FusedCloud.join([dense, every[moving | standing]])
 
 
 _NOTHING = Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))  # Of a sensor that doesn't deliver
@@ -133,7 +119,7 @@ class DepthStage:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """SensorViews of one frame."""
+    """What the sensors see in one frame, and how shapes are classified."""
 
     rig: Rig
     cameras: Mapping[str, CameraDetections]  # By camera name; a camera that failed isn't in it

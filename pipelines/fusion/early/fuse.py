@@ -5,23 +5,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fbench.pipelines.fusion.early import groups as grouping
 from fbench.pipelines.fusion.early.boxes import classify_shapes, fit_shapes, place_boxes
 from fbench.pipelines.fusion.early.cloud import EchoParams, FusedCloud, Scene
 from fbench.pipelines.fusion.early.density import DensityParams, cluster_cloud
-from fbench.pipelines.fusion.early.groups import (
-    Counts,
-    Groups,
-    Observed,
-    SemanticsParams,
-    count_points,
-    group_points,
-    label_points,
-)
-from fbench.pipelines.fusion.observations import AT_MIN_SCORE
+from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed, SemanticsParams
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, are_one
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
 from fbench.pipelines.sensors.radar.radar import median_rate
+from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, bounded
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 
 _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
@@ -86,15 +80,15 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
     falling score; equal scores by place.
     """
     cloud = scene.cloud
-    seen = label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
+    seen = grouping.label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
     is_seen = seen.instance >= 0
     cluster = cluster_cloud(cloud, is_seen, params.density)
-    groups = group_points(cloud, seen, cluster, params.density.weights(cloud, is_seen))
+    groups = grouping.group_points(cloud, seen, cluster, params.density.weights(cloud, is_seen))
     if len(groups):  # what no camera sees and is wide are walls
         xy, first = cloud.xyz[groups.rows, :2], groups.first[:-1]
         extent = (np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)).max(axis=1)
         groups = groups.select((groups.observation >= 0) | (extent <= params.most_extent_m))
-    counts = count_points(groups, cloud)
+    counts = grouping.count_points(groups, cloud)
     shape = fit_shapes(cloud, groups, counts, params.fit_points)
     by_shape, label = classify_shapes(scene, groups, shape)
     names = np.array([one.label for one in seen.observations] or [""], np.str_)
@@ -112,11 +106,7 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
     )
     order = np.lexsort((*found.center_m.T[::-1], -score))
     order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
-    same, kept = _are_one(found[order], params.merge_m), list[int]()
-    for row in range(len(order)):
-        if not same[row, kept].any():
-            kept.append(row)
-    return found[order[kept]]
+    return found[order[suppress(are_one(found[order], params.merge_m))]]
 
 
 def _existence(
@@ -164,15 +154,3 @@ def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
         points = points[cloud.is_moving[points]]
         result[row] = median_rate(cloud.range_rate_mps[points], cloud.period_mps[points])
     return result
-
-
-def _are_one(boxes: Boxes3D, merge_m: float) -> Bool:
-    """Which pairs (N, N) of boxes are one object: centers are near, or that of one lies in the other."""
-    offset = boxes.center_m[None, :, :2] - boxes.center_m[:, None, :2]
-    cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
-    along = np.abs(offset[..., 0] * cos + offset[..., 1] * sin)
-    across = np.abs(offset[..., 1] * cos - offset[..., 0] * sin)
-    half = boxes.size_lwh_m[:, None, :2] / 2
-    holds = (along <= half[..., 0]) & (across <= half[..., 1])
-    near = np.hypot(offset[..., 0], offset[..., 1]) < merge_m
-    return np.asarray(near | holds | holds.T, np.bool_)

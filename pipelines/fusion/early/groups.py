@@ -78,13 +78,10 @@ class _View:
     """The points before one camera, of which objects take theirs one after the other."""
 
     def __init__(self, cloud: FusedCloud, uv: Float64, rig: Rig, camera: str) -> None:
-        eye = rig.body_T_sensor(camera)[:3, 3]
         self._rows: Int64 = np.flatnonzero(np.isfinite(uv).all(axis=1))
-        self._uv = uv[self._rows]
-        xyz = cloud.xyz[self._rows]
-        self._distance = np.hypot(xyz[:, 0] - eye[0], xyz[:, 1] - eye[1])
-        self._is_echo = cloud.source[self._rows] == int(Source.R)
-        self._moving = cloud.is_moving[self._rows]
+        own, eye = cloud[self._rows], rig.body_T_sensor(camera)[:3, 3]
+        self._uv, self._is_echo, self._moving = uv[self._rows], own.source == int(Source.R), own.is_moving
+        self._distance = np.hypot(own.xyz[:, 0] - eye[0], own.xyz[:, 1] - eye[1])
         self._free = np.ones(len(self._rows), np.bool_)
         self.hidden = np.zeros(len(uv), np.bool_)  # which points of the cloud lie behind objects so far
         self._focal_px = float(rig.cameras[camera].K[0, 0])
@@ -100,15 +97,14 @@ class _View:
         if one.is_sure:
             self.hidden[self._rows] |= inside & (self._distance > one.near_m)
         rows: Int64 = np.flatnonzero(self._free & inside)
-        distance = self._distance[rows]
-        deviation = np.log(np.maximum(distance, 0.1) / one.near_m) / one.std
-        rows = rows[np.abs(deviation) < params.gate]
         rows = rows[np.argsort(self._distance[rows], kind="stable")]
+        deviation = np.log(np.maximum(self._distance[rows], 0.1) / one.near_m) / one.std
+        near = np.abs(deviation) < params.gate
+        rows, deviation = rows[near], deviation[near]
         if not len(rows):
             return rows
-        distance = self._distance[rows]
-        likelihood = np.exp(-0.5 * (np.log(np.maximum(distance, 0.1) / one.near_m) / one.std) ** 2)
-        worth = np.where(self._is_echo[rows] & ~self._moving[rows], params.echo_share, 1.0) * likelihood
+        distance, is_still = self._distance[rows], self._is_echo[rows] & ~self._moving[rows]
+        worth = np.where(is_still, params.echo_share, 1.0) * np.exp(-0.5 * deviation**2)
         total = np.concatenate([[0.0], np.cumsum(worth)])
         stop = np.searchsorted(distance, distance + 2 * one.depth_m + params.depth_margin_m)
         support = total[stop] - total[:-1]

@@ -4,18 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fbench.pipelines.fusion import reliability
 from fbench.pipelines.fusion.kernels import nearest_by_bearing, occlusion_shares
 from fbench.pipelines.fusion.late.association import Association
 from fbench.pipelines.fusion.late.place import Observations
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, Clusters, outline_overlaps
-from fbench.pipelines.fusion.reliability import (
-    AgreementParams,
-    SensorReliability,
-    log_odds,
-    probability_of,
-    saturate,
-    sureness,
-)
+from fbench.pipelines.fusion.reliability import AgreementParams, SensorReliability, log_odds, saturate
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
@@ -97,8 +91,8 @@ class Evidence:
         return np.asarray(np.hypot(self.targets.center_m[:, 0], self.targets.center_m[:, 1]), np.float64)
 
 
-def probabilities(evidence: Evidence, reliability: SensorReliability, params: FusionParams) -> Float64:
-    """Probability (N,) of each object; `reliability` learns from this frame first.
+def probabilities(evidence: Evidence, sensors: SensorReliability, params: FusionParams) -> Float64:
+    """Probability (N,) of each object; `sensors` learns from this frame first.
 
     It learns from the objects that are probable even though a sensor that should doesn't see them, so that a sensor
     with false alarms doesn't make the others look blind.
@@ -113,10 +107,10 @@ def probabilities(evidence: Evidence, reliability: SensorReliability, params: Fu
         witnesses.append(_lidar_witness(evidence, obstacles, params))
     if len(seen.radar.all_xyz) + len(seen.radar.boxes):
         witnesses.append(_radar_witness(evidence, obstacles, params))
-    sure = sureness(_probabilities(evidence, witnesses, reliability, params))
+    sure = reliability.sureness(_probabilities(evidence, witnesses, sensors, params))
     for w in witnesses:
-        reliability.learn(w.name, evidence.distance_m, sure * w.could, w.seen)
-    return _probabilities(evidence, witnesses, reliability, params)
+        sensors.learn(w.name, evidence.distance_m, sure * w.could, w.seen)
+    return _probabilities(evidence, witnesses, sensors, params)
 
 
 def lidar_weight(lidar: Clusters, params: FusionParams) -> float:
@@ -125,7 +119,7 @@ def lidar_weight(lidar: Clusters, params: FusionParams) -> float:
 
 
 def _probabilities(
-    evidence: Evidence, witnesses: list[Witness], reliability: SensorReliability, params: FusionParams
+    evidence: Evidence, witnesses: list[Witness], sensors: SensorReliability, params: FusionParams
 ) -> Float64:
     distance, groups = evidence.distance_m, evidence.associations
     shown = np.array([bool(group.cameras) for group in groups])
@@ -135,7 +129,7 @@ def _probabilities(
     odds = log_odds(params.prior, 1e-6) + np.where(unplaced, standing, 0.0)
     seen_by, added_by = list[Bool](), list[Float64]()
     for w in witnesses:
-        share = np.minimum(reliability.share(w.name, w.kind, distance) * w.could, params.max_detection)
+        share = np.minimum(sensors.share(w.name, w.kind, distance) * w.could, params.max_detection)
         seen = np.where(shown, w.confirmed_odds, w.odds) + np.log(np.maximum(w.could, params.unlikely))
         added = np.where(w.seen, seen, np.log1p(-share))
         if w.kind == "camera":
@@ -144,12 +138,12 @@ def _probabilities(
         else:
             odds += added
     if not seen_by:
-        return probability_of(odds)
+        return reliability.probability_of(odds)
     # Cameras see much the same picture: the surest that sees an object counts, and where none does the surest that
     # should.
     seen, added = np.array(seen_by), np.array(added_by)
     best = np.where(seen, added, -np.inf).max(axis=0)
-    return probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
+    return reliability.probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
 
 
 def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: FusionParams) -> Witness:
@@ -178,16 +172,13 @@ def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: F
 def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams) -> Witness:
     lidar, eye = evidence.observations.lidar, evidence.observations.lidar_eye_m
     at = np.array([g.lidar for g in evidence.associations], np.int64)
-    seen = at >= 0
-    score, points = np.zeros(len(at)), np.zeros(len(at))
-    score[seen], points[seen] = lidar.score[at[seen]], lidar.num_points[at[seen]]
+    seen, score, points = at >= 0, np.append(lidar.score, 0.0)[at], np.append(lidar.num_points, 0.0)[at]
     # A cluster that is cut says nothing about its parts' shape.
     whole = np.array([not g.is_cut for g in evidence.associations])
     score = lidar_weight(lidar, params) * np.where(whole, score, 0.0)
     confirmed = params.confirmed_lidar * saturate(points, params.full_points)
     dense = 1 / (1 + (evidence.distance_m / params.lidar_half_m) ** 4)
-    could = _in_view(evidence, eye, lidar.all_xyz, params) * dense
-    could = could * (1 - _occlusion_shares(evidence.targets, eye, obstacles, []))
+    could = dense * _open_shares(evidence, eye, lidar.all_xyz, obstacles, params)
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("lidar", "lidar", seen, odds, confirmed_odds, np.where(seen, 1.0, could))
 
@@ -195,19 +186,15 @@ def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
 def _radar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams) -> Witness:
     radar, eye = evidence.observations.radar, evidence.observations.radar_eye_m
     at = np.array([g.radar for g in evidence.associations], np.int64)
-    seen = at >= 0
     velocity = radar.boxes.velocity_mps
     moves = np.zeros(len(radar.boxes), np.bool_) if velocity is None else np.isfinite(velocity).any(axis=1)
     weight = np.where(moves, params.radar_weight, params.standing_weight)
     sure = np.where(moves, params.confirmed_radar, params.standing_weight)
-    score, confirmed = np.zeros(len(at)), np.zeros(len(at))
-    score[seen] = (weight * radar.score)[at[seen]]
-    confirmed[seen] = (sure * saturate(radar.num_points, params.full_points))[at[seen]]
-    could = _in_view(evidence, eye, radar.all_xyz, params) * (
-        1 - _occlusion_shares(evidence.targets, eye, obstacles, [])
-    )
+    score = np.append(weight * radar.score, 0.0)[at]
+    confirmed = np.append(sure * saturate(radar.num_points, params.full_points), 0.0)[at]
+    could = _open_shares(evidence, eye, radar.all_xyz, obstacles, params)
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
-    return Witness("radar", "radar", seen, odds, confirmed_odds, could)
+    return Witness("radar", "radar", at >= 0, odds, confirmed_odds, could)
 
 
 def _occlusion_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: list[CameraObservation]) -> Float64:
@@ -224,14 +211,19 @@ def _occlusion_shares(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: 
     return occlusion_shares(nearest, np.arctan2(off[:, 1], off[:, 0]), half_rad, near)
 
 
-def _in_view(evidence: Evidence, eye_m: Float64, points: Float64, params: FusionParams) -> Bool:
-    """Whether objects (N,) are near, and in a direction in which a sensor at `eye_m` (2,) has points (M, 3)."""
+def _open_shares(
+    evidence: Evidence, eye_m: Float64, points: Float64, obstacles: Float64, params: FusionParams
+) -> Float64:
+    """Share (N,) of objects' widths that a sensor at `eye_m` (2,) sees past obstacles (K, 3), of those that are near,
+    and in a direction in which it has points (M, 3).
+    """
     center = evidence.targets.center_m
     seen = np.isfinite(nearest_by_bearing(np.ascontiguousarray(points[:, :2] - eye_m), _SECTORS))
     seen = np.any([np.roll(seen, shift) for shift in (-2, -1, 0, 1, 2)], axis=0)
     at = np.arctan2(center[:, 1] - eye_m[1], center[:, 0] - eye_m[0])
     in_sector = seen[(_bin(at) / _BINS * _SECTORS).astype(np.int64) % _SECTORS]
-    return np.asarray(in_sector & (evidence.distance_m < params.max_range_m), np.bool_)
+    in_view = in_sector & (evidence.distance_m < params.max_range_m)
+    return np.asarray(in_view * (1 - _occlusion_shares(evidence.targets, eye_m, obstacles, [])), np.float64)
 
 
 def _bin(angle_rad: Float64) -> Float64:

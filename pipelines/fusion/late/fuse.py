@@ -1,27 +1,28 @@
 """Late fusion in 3D: objects that sensors detect on their own, merged in body coordinates."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 
+from fbench.pipelines.fusion import observations
 from fbench.pipelines.fusion.kernels import count_near
 from fbench.pipelines.fusion.late.association import Association, associate
 from fbench.pipelines.fusion.late.existence import Evidence, FusionParams, lidar_weight, probabilities
 from fbench.pipelines.fusion.late.place import FusedObject, Observations, place
-from fbench.pipelines.fusion.observations import CameraObservation, observe_camera, sort_clusters
+from fbench.pipelines.fusion.observations import CameraObservation, are_one
 from fbench.pipelines.fusion.reliability import SensorReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
 from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.radar import RadarView
-from fbench.replay.data.arrays import Float64
+from fbench.pipelines.sensors.rows import suppress
+from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_body
-from fbench.replay.geometry.iou import common_areas, iou_bev
+from fbench.replay.geometry.iou import iou_bev
 
 _PART = 0.5  # Up to this share of a box may lie in a surer one without consequence: objects hide each other
 _LEAST = 0.01  # Left of the score of a box that lies in a surer one as a whole
@@ -61,35 +62,35 @@ class LateFusion:
         """Merge all that was seen into labeled boxes with score, sources and, where radar measured it, velocity.
 
         Observations of all sensors are associated at once, each object is placed, and its probability to exist follows
-        from the sensors that see it and those that should. Of objects in one place the most probable stays.
+        from the sensors that see it and those that should. Of objects in one place the most probable stays. They come
+        by falling score, equal scores by place.
         """
         params = self._params
         seen = observe(views, params)
         groups = associate(seen.rig, seen.cameras, seen.lidar, seen.radar, seen.radar_eye_m, params.association)
         groups = [group for group in groups if self._may_exist(group, seen)]
         objects = [place(group, seen, params.association) for group in groups]
+        targets = to_boxes(objects)
         if not objects:
-            return to_boxes([])
-        columns = ([getattr(o, name) for o in objects] for name in ("center_m", "size_lwh_m", "yaw_rad"))
-        targets = Boxes3D(*(np.array(column) for column in columns))
+            return targets
         # Echoes of no moving cluster about each object; a handful says nothing.
         reach = np.hypot(targets.size_lwh_m[:, 0], targets.size_lwh_m[:, 1]) / 2 + _MARGIN_M
         xy = np.ascontiguousarray(seen.radar.loose[:, :2]), np.ascontiguousarray(targets.center_m[:, :2])
         num = count_near(*xy, reach).astype(np.float64)
         standing = np.where(num >= _FEWEST, num, 0.0)
         probability = probabilities(Evidence(seen, groups, targets, standing), self._reliability, params)
-        kept = [
-            replace(
-                found,
-                score=float(probability[i]),
-                sources=(int(Source.C) if group.cameras else 0)
-                | (int(Source.L) if group.lidar >= 0 else 0)
-                | (int(Source.R) if group.radar >= 0 or standing[i] > 0 else 0),
-            )
-            for i, (found, group) in enumerate(zip(objects, groups, strict=True))
-            if probability[i] > 0 and probability[i] >= params.min_score
+        sources = [
+            (Source.C if group.cameras else 0)
+            | (Source.L if group.lidar >= 0 else 0)
+            | (Source.R if group.radar >= 0 or num_echoes > 0 else 0)
+            for group, num_echoes in zip(groups, standing.tolist(), strict=True)
         ]
-        return to_boxes(_keep_apart(kept))
+        moves = np.array([np.isfinite(found.velocity_mps).any() for found in objects])
+        by_camera = np.array([group.lidar < 0 for group in groups]) & ~moves
+        kept = np.flatnonzero((probability > 0) & (probability >= params.min_score))
+        kept = kept[np.lexsort((*targets.center_m[kept].T[::-1], -probability[kept]))]
+        kept = kept[suppress(_share_places(targets[kept], by_camera[kept]))]
+        return replace(targets, score=probability, sources=np.array(sources, np.uint8))[kept]
 
     def _may_exist(self, group: Association, seen: Observations) -> bool:
         """Leave out what only cameras see that aren't sure of it, and most of what only LiDAR sees: a street is full of
@@ -113,15 +114,15 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
     rig, lidar, radar = views.rig, views.lidar, views.radar
     cameras = list[CameraObservation]()
     for name in sorted(views.cameras):
-        cameras += observe_camera(rig, name, views.cameras[name], lidar.plane, params.association)
+        cameras += observations.observe_camera(rig, name, views.cameras[name], lidar.plane, params.association)
     cameras = lower_nested(cameras)
     cameras.sort(key=lambda s: (s.camera, *s.xyxy_px.tolist(), s.label, s.score))
-    of_radar = sort_clusters(radar.xyz, radar.cluster, radar.boxes)
+    of_radar = observations.sort_clusters(radar.xyz, radar.cluster, radar.boxes)
     return Observations(
         rig=rig,
         working=tuple(sorted(views.cameras)),
         cameras=cameras,
-        lidar=sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes),
+        lidar=observations.sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes),
         radar=of_radar,
         plane=lidar.plane,
         lidar_eye_m=viewpoint(rig, "lidar"),
@@ -143,9 +144,9 @@ def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:
         own, scores = list(group), list[float]()
         # Share (N, N) of each box that another one, which it isn't in front of, covers.
         xyxy = np.array([s.xyxy_px for s in own])
-        area = np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
-        covered = common_areas(xyxy, xyxy) / np.maximum(area, 1e-9)[:, None]
-        share = np.where(xyxy[:, None, 3] > xyxy[None, :, 3] + _IN_FRONT_PX, 0.0, covered)
+        share = np.where(
+            xyxy[:, None, 3] > xyxy[None, :, 3] + _IN_FRONT_PX, 0.0, observations.inside_shares(xyxy, xyxy)
+        )
         for at, s in enumerate(own):
             surer = [k for k, other in enumerate(scores) if other >= s.score]
             factor = min(max((1.0 - float(share[at, surer].max(initial=0.0))) / (1.0 - _PART), _LEAST), 1.0)
@@ -161,11 +162,11 @@ def _standing_distances(rig: Rig, seen: list[CameraObservation], loose: Float64)
     NaN where they say nothing: that at which most of them lie within some meters, by how likely the image makes it.
     """
     result = []
-    for camera, observations in groupby(seen, key=lambda s: s.camera):
+    for camera, group in groupby(seen, key=lambda s: s.camera):
         uv, _ = project_body(rig, camera, loose)
         eye = rig.body_T_sensor(camera)[:2, 3]
         reach = np.hypot(loose[:, 0] - eye[0], loose[:, 1] - eye[1])
-        for s in observations:
+        for s in group:
             rows = np.flatnonzero((uv[:, 0] > s.xyxy_px[0]) & (uv[:, 0] < s.xyxy_px[2]))
             deviation = np.log(np.maximum(reach[rows], 0.1) / s.near_m) / s.std
             inside = np.abs(deviation) < _GATE
@@ -182,61 +183,30 @@ def _standing_distances(rig: Rig, seen: list[CameraObservation], loose: Float64)
 
 
 def to_boxes(objects: Sequence[FusedObject]) -> Boxes3D:
-    """Boxes in the order given; the same fields for any number of objects."""
+    """Boxes in the order given, of which score and sources aren't known; the same fields for any number of objects."""
     return Boxes3D(
         center_m=np.array([o.center_m for o in objects]).reshape(-1, 3),
         size_lwh_m=np.array([o.size_lwh_m for o in objects]).reshape(-1, 3),
         yaw_rad=np.array([o.yaw_rad for o in objects], np.float64),
         velocity_mps=np.array([o.velocity_mps for o in objects]).reshape(-1, 3),
         label=np.array([o.label for o in objects], np.str_),
-        score=np.array([o.score for o in objects], np.float64),
-        sources=np.array([o.sources for o in objects], np.uint8),
+        score=np.zeros(len(objects)),
+        sources=np.zeros(len(objects), np.uint8),
     )
 
 
-def _keep_apart(objects: list[FusedObject]) -> list[FusedObject]:
-    """Leave out objects in the place of more probable ones: nearer to them than the mean of both widths, say. They come
-    by falling score, equal scores by place.
+def _share_places(boxes: Boxes3D, by_camera: Bool) -> Bool:
+    """Which boxes (N, N), by row, are in the place of another one, by column: nearer than the mean of both widths, say,
+    or `by_camera` (N,), where a camera alone places what was seen twice: in its direction, about as far away.
     """
-    ordered = sorted(objects, key=lambda o: (-o.score, *o.center_m.tolist()))
-    boxes = to_boxes(ordered)
-    iou, area = iou_bev(boxes, boxes), boxes.size_lwh_m[:, 0] * boxes.size_lwh_m[:, 1]
+    iou, area, width = iou_bev(boxes, boxes), boxes.size_lwh_m[:, 0] * boxes.size_lwh_m[:, 1], boxes.size_lwh_m[:, 1]
     both = iou * (area[:, None] + area[None, :]) / (1 + iou)
     # Share of the smaller of two footprints that the other one covers.
     covered = both / np.maximum(np.minimum(area[:, None], area[None, :]), 1e-9)
-    kept: list[int] = []
-    for i, found in enumerate(ordered):
-        rivals = [(k, ordered[k]) for k in kept]
-        if not any(
-            covered[i, k] > _COVERED
-            or are_one(found, other, float(found.size_lwh_m[1] + other.size_lwh_m[1]) / 2)
-            or _are_in_line(found, other)
-            for k, other in rivals
-        ):
-            kept.append(i)
-    return [ordered[i] for i in kept]
-
-
-def are_one(a: FusedObject, b: FusedObject, merge_m: float) -> bool:
-    """Whether two boxes show one object: centers nearer than `merge_m`, or the center of one inside the other. The
-    latter matters for long vehicles, of which radar shows only the near end.
-    """
-    distance = math.hypot(*(float(p - q) for p, q in zip(a.center_m[:2], b.center_m[:2], strict=True)))
-    return distance < merge_m or _holds(a, b) or _holds(b, a)
-
-
-def _holds(box: FusedObject, other: FusedObject) -> bool:
-    east, north = (other.center_m - box.center_m)[:2]
-    cos, sin = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-    along, across = abs(east * cos + north * sin), abs(north * cos - east * sin)
-    return bool(along <= box.size_lwh_m[0] / 2 and across <= box.size_lwh_m[1] / 2)
-
-
-def _are_in_line(found: FusedObject, other: FusedObject) -> bool:
-    """Whether what a camera alone places is another object, seen twice: in its direction, about as far away."""
-    if found.sources & Source.L or np.isfinite(found.velocity_mps).any():
-        return False
-    (x, y), (u, v) = (f.center_m[:2].tolist() for f in (found, other))
-    reach, away = max(float(np.hypot(x, y)), 0.1), max(float(np.hypot(u, v)), 0.1)
-    aside = abs(x * v - y * u) / away
-    return x * u + y * v > 0 and aside < other.size_lwh_m[1] / 2 and abs(float(np.log(reach / away))) < _TWICE
+    same = (covered > _COVERED) | are_one(boxes, (width[:, None] + width[None, :]) / 2)
+    x, y = boxes.center_m[:, :2].T
+    reach = np.maximum(np.hypot(x, y), 0.1)
+    aside = np.abs(x[:, None] * y - y[:, None] * x) / reach
+    ahead = x[:, None] * x + y[:, None] * y > 0
+    near = np.abs(np.log(reach[:, None] / reach)) < _TWICE
+    return np.asarray(same | (by_camera[:, None] & ahead & (aside < width / 2) & near), np.bool_)

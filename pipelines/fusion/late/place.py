@@ -48,8 +48,6 @@ class FusedObject:
     yaw_rad: float  # Heading [rad]
     velocity_mps: Float64  # (3,) over ground [m/s]; NaN where no radar measured it
     label: str  # One of `LABELS`
-    score: float = 0.0  # How sure it is that the object exists, 0 to 1
-    sources: int = 0  # Bits of `Source`
 
 
 class _Shape(NamedTuple):

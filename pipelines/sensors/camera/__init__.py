@@ -1,4 +1,4 @@
-"""Camera."""
+"""Detection by camera: `detector.py`, with ONNX models in `model.py` and their families in `families.py`."""
 
 import os
 

@@ -10,6 +10,7 @@ import numpy as np
 from fbench.pipelines.models.weights import AUTO, Weights, resolve
 from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Candidates, Size
 from fbench.pipelines.sensors.camera.model import Batch, Model
+from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded, require_between
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -54,9 +55,7 @@ def _share(name: str, text: str) -> float:
 
 
 Window = tuple[int, int, int, int]  # Left, top, right, bottom [px] of a part of an image; right and bottom are outside
-
 MAX_WINDOWS = 8  # A longer image is cut into windows that are wider instead, so that a strip can't fill the memory
-
 MAX_BOXES = 1000  # Candidates beyond the best 1000 of one image are dropped, so that a bad model can't fill the memory
 
 
@@ -100,20 +99,15 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
 
     All vehicles are one group, since one object can come back as bus and as truck; others are groups by label.
     """
-    boxes = Candidates.join([*parts, NO_CANDIDATES]).sort()[:MAX_BOXES]
+    boxes = Candidates.join([*parts, NO_CANDIDATES])
+    # Equal scores by box, then label, so that the order is always the same.
+    boxes = boxes[np.lexsort((boxes.label, *boxes.xyxy.T[::-1], -boxes.score))[:MAX_BOXES]]
     group = np.where(np.isin(boxes.label, VEHICLES), "vehicle", boxes.label)
     xyxy = boxes.xyxy
     overlap, area = common_areas(xyxy, xyxy), np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
     rivals = (iou_2d(xyxy, xyxy) > iou) | (overlap / np.minimum(area[:, None], area[None, :]) > containment)
     rivals &= group[:, None] == group[None, :]
-    alive = np.ones(len(boxes), bool)
-    for i in range(len(boxes)):
-        if alive[i]:
-            alive[i + 1 :] &= ~rivals[i, i + 1 :]
-    return boxes[alive]
-
-
-_THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
+    return boxes[suppress(rivals)]
 
 
 @dataclass(frozen=True)
@@ -183,7 +177,7 @@ class CameraDetector:
             raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
         self._params = params
         self._model = Model(params.weights, min(params.threads, num_threads()), params.input_wh)
-        asked = {name: getattr(params, name) for name in _THRESHOLDS}
+        asked = {f.name: getattr(params, f.name) for f in fields(Thresholds)}
         try:
             self._thresholds = thresholds(asked, self._model.metadata)
         except ModelError as error:
@@ -203,9 +197,7 @@ class CameraDetector:
         """
         least = share * self._thresholds.min_score
         found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, least)]
-        parts = [
-            to_image(boxes, window, prepared.size_wh) for boxes, window in zip(found, prepared.windows, strict=True)
-        ]
+        parts = [to_image(*part, prepared.size_wh) for part in zip(found, prepared.windows, strict=True)]
         merged = merge(parts, self._thresholds.nms_iou, self._thresholds.nms_containment)
         return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label, self._thresholds.min_score)
 
@@ -213,7 +205,7 @@ class CameraDetector:
 CITY_WEIGHTS = Path(__file__).with_name("city.onnx")  # See `docs/detector.md`
 
 
-def with_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str, CameraParams]:
+def use_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str, CameraParams]:
     """Return the parameters of all cameras, with the built-in weights in place of `auto` where the log is simulated."""
     if SIMULATED not in log_info.metadata:
         return dict(own)
@@ -272,7 +264,7 @@ class CameraStage:
         """Take all cameras of the rig, each with its own parameters; see the class for what is raised. On simulated
         logs `auto` is the built-in detector.
         """
-        own = with_builtin(settings.own("camera", self._params), log_info)
+        own = use_builtin(settings.own("camera", self._params), log_info)
         found = {name: self._load(params) for name, params in own.items()}
         self._rig, self.identity, cameras = rig, builtin_identity(own, self._params), rig.sensors("camera")
         self.used = {name: detector for name in cameras if (detector := found.get(name)) is not None}
@@ -296,7 +288,7 @@ class CameraStage:
         Cameras without an image in the frame are left out; so are those whose image is corrupt, which is a fault. Timed
         as `decode`, `preprocess` and `detect.camera`. Raises ModelError where a model fails.
         """
-        found: dict[str, CameraDetections] = {}
+        found = dict[str, CameraDetections]()
         for name, detector in self.used.items():
             if isinstance(image := frame.messages.get(name), Image):
                 seen = look(detector, image, clock, faults, self._share)

@@ -10,7 +10,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from fbench.pipelines.sensors.camera import layouts
-from fbench.pipelines.sensors.camera.layouts import Candidates, ClassLabels, Layout, ModelHeader, Placement, Port, Size
+from fbench.pipelines.sensors.camera.layouts import Candidates, ClassLabels, ModelHeader, Placement, Port, Size
 from fbench.replay.contracts.errors import ModelError
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.images import Pixels
@@ -27,17 +27,32 @@ def _sizes(images: Sequence[Pixels]) -> list[Size]:
 
 
 @dataclass(frozen=True)
-class Detr:
+class Layout(ABC):
+    """One family of models."""
+
+    image_input: str  # Name of the input for images
+    input_wh: Size | None  # Width and height of the input [px]; `None`: any
+    labels: ClassLabels
+    batch: int | None  # How many images each call takes; `None`: the header leaves it free
+
+    @abstractmethod
+    def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
+        """Fit images (H, W, 3) BGR into the model's inputs."""
+
+    @abstractmethod
+    def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
+        """Boxes of each image with at least `min_score`, in pixels from that image's upper left corner."""
+
+
+@dataclass(frozen=True)
+class Detr(Layout):
     """Inputs `images` (B, 3, H, W) RGB 0..1, squashed, and `orig_target_sizes` (B, 2) width, height. Outputs `labels`
     (B, N), `boxes` (B, N, 4) left, top, right, bottom, `scores` (B, N).
     """
 
-    image_input: str
-    size_input: str
-    output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
     input_wh: Size
-    labels: ClassLabels
-    batch: int | None
+    size_input: str  # Name of the input for sizes
+    output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Squash each image into the input, whatever its aspect ratio."""
@@ -52,15 +67,11 @@ class Detr:
 
 
 @dataclass(frozen=True)
-class Torchvision:
+class Torchvision(Layout):
     """Input (3, H, W) or (1, 3, H, W) RGB 0..1; outputs boxes (N, 4) in input pixels, labels (N,), scores (N,)."""
 
-    image_input: str
-    input_wh: Size | None  # `None`: any size, images are fed as they are
     batch_axis: bool
     output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
-    labels: ClassLabels
-    batch: int = 1
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Feed one image, squashed only where the model's input has a fixed size."""
@@ -77,10 +88,9 @@ class Torchvision:
         return [layouts.squash(sizes_wh[0], self.input_wh or sizes_wh[0]).back(boxes)]
 
 
-class _Letterboxed(ABC):
-    image_input: str
+@dataclass(frozen=True)
+class _Letterboxed(Layout):
     input_wh: Size
-    labels: ClassLabels
     centered: ClassVar[bool]  # Whether images are in the middle of an input RGB 0..1, or upper left in BGR 0..255
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
@@ -109,11 +119,7 @@ Head: TypeAlias = Literal["objectness", "classes", "final"]
 class Ultralytics(_Letterboxed):
     """Input (B, 3, H, W) RGB 0..1, letterboxed to the middle; one output, see `Head`."""
 
-    image_input: str
-    input_wh: Size
     head: Head
-    labels: ClassLabels
-    batch: int | None
     centered = True
 
     def _boxes(self, raw: Array, min_score: float) -> Candidates:
@@ -133,11 +139,7 @@ class Ultralytics(_Letterboxed):
 class YoloX(_Letterboxed):
     """Input (B, 3, H, W) BGR 0..255, letterboxed to the upper left; output (B, cells, 5 + classes)."""
 
-    image_input: str
-    input_wh: Size
     strides: tuple[int, ...]
-    labels: ClassLabels
-    batch: int | None
     centered = False
 
     def _boxes(self, raw: Array, min_score: float) -> Candidates:
@@ -191,12 +193,12 @@ def recognize(header: ModelHeader, input_wh: Size | None = None) -> Layout:
     if order and size_input and len(header.inputs) == 2 and len(image.shape) == 4:
         size = _size(image, input_wh) or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
         labels = _labels(header.metadata, layouts.COCO_80)
-        return Detr(image.name, size_input[0].name, order, size, labels, image.shape[0])
+        return Detr(image.name, size, labels, image.shape[0], size_input[0].name, order)
     if order and len(header.inputs) == 1:
         if len(header.outputs[order[1]].shape) != 2:
             raise ModelError(f"outputs aren't understood: {describe(header)}")
         labels = _labels(header.metadata, layouts.COCO_91)
-        return Torchvision(image.name, _size(image, input_wh), len(image.shape) == 4, order, labels)
+        return Torchvision(image.name, _size(image, input_wh), labels, 1, len(image.shape) == 4, order)
     if len(header.inputs) == 1 and len(header.outputs) == 1 and len(header.outputs[0].shape) == 3:
         return _yolo(header, image, header.outputs[0].shape, input_wh)
     raise ModelError(f"outputs aren't understood: {describe(header)}")
@@ -251,17 +253,17 @@ def _order(header: ModelHeader) -> tuple[int, int, int] | None:
 def _yolo(header: ModelHeader, image: Port, shape: tuple[int | None, ...], input_wh: Size | None) -> Layout:
     """Tell the YOLO families apart: by the number of columns, and of boxes a cell."""
     size = _size(image, input_wh) or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
-    labels, batch = _labels(header.metadata, layouts.COCO_80), image.shape[0]
+    common = image.name, size, _labels(header.metadata, layouts.COCO_80), image.shape[0]
     named = "names" in header.metadata
     classes = len(layouts.parse_names(header.metadata["names"])) if named else 80
     _, rows, columns = shape
     if rows == 4 + classes:
-        return Ultralytics(image.name, size, "classes", labels, batch)
+        return Ultralytics(*common, "classes")
     if columns == 6 and named and classes != 1:
-        return Ultralytics(image.name, size, "final", labels, batch)
+        return Ultralytics(*common, "final")
     boxes_a_cell = [(rows or 0) / sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES]
     if columns == 5 + classes and 1 in boxes_a_cell:
-        return YoloX(image.name, size, STRIDES[boxes_a_cell.index(1)], labels, batch)
+        return YoloX(*common, STRIDES[boxes_a_cell.index(1)])
     if columns == 5 + classes and (3 in boxes_a_cell or named):
-        return Ultralytics(image.name, size, "objectness", labels, batch)
+        return Ultralytics(*common, "objectness")
     raise ModelError(f"outputs aren't understood for {classes} classes: {describe(header)}")

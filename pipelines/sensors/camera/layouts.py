@@ -1,9 +1,8 @@
 """The contract of a model family: inputs, candidates, classes, and how images are fitted into the input."""
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -35,10 +34,6 @@ class Candidates(Rows):
         xyxy = np.clip(self.xyxy, 0.0, np.array(size_wh * 2, np.float64))
         whole = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]) & np.isfinite(self.score)
         return Candidates(xyxy, self.score, self.label)[whole]
-
-    def sort(self) -> "Candidates":
-        """Sort by falling score; equal scores by box, then label, so that the order is always the same."""
-        return self[np.lexsort((self.label, *self.xyxy.T[::-1], -self.score))]
 
 
 NO_CANDIDATES = Candidates(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1"))
@@ -99,14 +94,11 @@ def planes(images: list[Pixels], *, rgb: bool, unit: bool) -> np.ndarray:
 
 
 MAX_CLASS = 1_000_000  # Largest class id that is believed
-
 ClassLabels = Mapping[int, str]
-
 COCO_80: ClassLabels = {0: "pedestrian", 1: "bicycle", 2: "car", 3: "motorcycle", 5: "bus", 7: "truck"}
 """The 80 COCO classes numbered without gaps, as YOLO and DETR exports do."""
 COCO_91: ClassLabels = {1: "pedestrian", 2: "bicycle", 3: "car", 4: "motorcycle", 6: "bus", 8: "truck"}
 """COCO's own category ids, as torchvision uses them (0 is the background)."""
-
 _SYNONYMS = {"person": "pedestrian", "motorbike": "motorcycle", "bike": "bicycle", "cyclist": "bicycle"}
 
 
@@ -147,7 +139,6 @@ def translate(class_id: Int64, labels: ClassLabels) -> tuple[Text, Bool]:
 
 
 Size = tuple[int, int]
-
 SIDE_PX = (32, 8192)  # Shortest and longest side of an input that is believed
 _MAX_PX = 1e12
 
@@ -168,28 +159,6 @@ class ModelHeader:
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     metadata: Mapping[str, str]
-
-
-class Layout(Protocol):
-    """One family of models."""
-
-    @property
-    def batch(self) -> int | None:
-        """How many images each call takes; `None`: the header leaves it free."""
-        ...
-
-    @property
-    def input_wh(self) -> Size | None:
-        """Width and height of the input [px]; `None`: any."""
-        ...
-
-    def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
-        """Fit images (H, W, 3) BGR into the model's inputs."""
-        ...
-
-    def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
-        """Boxes of each image with at least `min_score`, in pixels from that image's upper left corner."""
-        ...
 
 
 def select(xyxy: Array, score: Array, class_id: Array, labels: ClassLabels, min_score: float) -> Candidates:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import onnxruntime
+from onnxruntime.capi import onnxruntime_pybind11_state
 
 from fbench.pipelines.sensors.camera.families import DEFAULT_SIDE_PX, recognize
 from fbench.pipelines.sensors.camera.layouts import PAD_VALUE, Candidates, ModelHeader, Port, Size
@@ -76,18 +77,8 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
 
 
 # onnxruntime's exceptions derive from Exception one by one; these are all that loading and running raise.
-ORT_ERRORS = (
-    onnxruntime.capi.onnxruntime_pybind11_state.EPFail,
-    onnxruntime.capi.onnxruntime_pybind11_state.Fail,
-    onnxruntime.capi.onnxruntime_pybind11_state.InvalidArgument,
-    onnxruntime.capi.onnxruntime_pybind11_state.InvalidGraph,
-    onnxruntime.capi.onnxruntime_pybind11_state.InvalidProtobuf,
-    onnxruntime.capi.onnxruntime_pybind11_state.NoSuchFile,
-    onnxruntime.capi.onnxruntime_pybind11_state.NotImplemented,
-    onnxruntime.capi.onnxruntime_pybind11_state.RuntimeException,
-    RuntimeError,
-    ValueError,
-)
+_ORT = "EPFail Fail InvalidArgument InvalidGraph InvalidProtobuf NoSuchFile NotImplemented RuntimeException"
+ORT_ERRORS = (*(getattr(onnxruntime_pybind11_state, name) for name in _ORT.split()), RuntimeError, ValueError)
 
 
 def load(path: Path, threads: int) -> Any:

@@ -1,15 +1,17 @@
 """Objects that the points of LiDAR or radar show in one image."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from fbench.pipelines.sensors.image import params as image
 from fbench.pipelines.sensors.image.params import ImageClusterParams, LidarImageParams, RadarImageParams, ShapeParams
+from fbench.pipelines.sensors.lidar.classification import measure_inside
 from fbench.pipelines.sensors.lidar.lidar import Obstacles
 from fbench.pipelines.sensors.points.grid import lexicographic_order, median
-from fbench.pipelines.sensors.points.ground import Plane, fit_plane, height_above_ground, lowest_points, surroundings
-from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fading, fit_rectangles
+from fbench.pipelines.sensors.points.ground import Plane, find_ground
+from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fade, fit_rectangles
 from fbench.pipelines.sensors.radar.radar import Compensated, median_rate
 from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
@@ -42,6 +44,15 @@ class Cloud:
             self.moves.take(at), self.over_ground_mps.take(at), self.own_mps.take(at), self.period_mps.take(at),
         )  # fmt: skip
 
+    def rate_mps(self, rows: Array | slice) -> float:
+        """Change of the distance [m/s] of what points are on, positive when receding: their velocity over ground less
+        the sensor's own; NaN where unknown.
+        """
+        own = self.own_mps[rows]
+        if not np.isfinite(own).any():
+            return float("nan")
+        return median_rate(self.over_ground_mps[rows], self.period_mps[rows]) - median(own[~np.isnan(own)])
+
 
 def empty_cloud() -> Cloud:
     """Return a cloud without points, over ground that isn't known."""
@@ -49,10 +60,8 @@ def empty_cloud() -> Cloud:
     return Cloud(None, np.zeros((0, 3)), none, np.zeros((0, 3)), np.zeros(2), none > 0, none, none, none)
 
 
-def of_lidar(found: Obstacles | None, viewpoint: Float64) -> Cloud:
+def of_lidar(found: Obstacles, viewpoint: Float64) -> Cloud:
     """Cloud of what LiDARs at `viewpoint` (2,) [m] measured."""
-    if found is None:
-        return empty_cloud()
     unknown = np.full(len(found.xyz), np.nan)
     return Cloud(
         found.plane, found.xyz, found.height_m, found.tall, viewpoint, unknown > 0, unknown, unknown, 0 * found.height_m
@@ -67,12 +76,9 @@ def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: floa
         return empty_cloud()
     order = lexicographic_order(*echoes.xyz.T, echoes.range_rate_mps)
     xyz = echoes.xyz.take(order, axis=0)
-    around = surroundings(xyz, params.ground)
-    lowest, near = lowest_points(around, params.ground), around.is_near
-    plane = fit_plane(lowest, params.ground)
+    plane, near, height = find_ground(xyz, params.ground)
     if plane is None:
         return empty_cloud()
-    height = height_above_ground(around, lowest, plane, params.ground)
     tall = near & (height >= params.max_height_m) & (height < _TALL * params.max_height_m)
     rate = echoes.range_rate_mps[order]
     whole = Cloud(
@@ -125,26 +131,16 @@ def score_groups(groups: Groups, params: ShapeParams) -> Float64:
     and number of points are asked: what moves is no wall and no tree.
     """
     shorter, longer = np.sort(groups.rectangles[:, [2, 4]] - groups.rectangles[:, [1, 3]], axis=1).T
-    score = fading(np.diff(groups.first), *params.num_points)
-    score *= fading(longer, *params.most_length_m) * fading(shorter, *params.most_width_m)
-    still = fading(longer, *params.least_extent_m) * fading(groups.rectangles[:, 5], *params.filling_m)
-    still *= fading(groups.bottom_m, *params.bottom_m) * fading(groups.top_m, *params.top_m)
-    still *= np.where(shorter < params.thin_m, fading(groups.top_m, *params.least_top_m), 1.0)
+    score = fade(np.diff(groups.first), *params.num_points)
+    score *= fade(longer, *params.most_length_m) * fade(shorter, *params.most_width_m)
+    still = fade(longer, *params.least_extent_m) * fade(groups.rectangles[:, 5], *params.filling_m)
+    still *= fade(groups.bottom_m, *params.bottom_m) * fade(groups.top_m, *params.top_m)
+    still *= np.where(shorter < params.thin_m, fade(groups.top_m, *params.least_top_m), 1.0)
     score = np.where(groups.moves, score, score * still * params.still)
     likely = np.flatnonzero((score > 0) & ~groups.moves)
-    score[likely] *= fading(_num_over(groups.rectangles[likely], groups.cloud.tall), *params.num_over)
+    over = measure_inside(groups.cloud.tall, groups.rectangles[likely], _OVER_MARGIN_M)
+    score[likely] *= fade(over[:, 0], *params.num_over)
     return np.asarray(score, np.float64)
-
-
-def _num_over(rectangles: Float64, tall: Float64) -> Int64:
-    """Count the points (K, 3) over each rectangle (M, 6), widened by a margin."""
-    result = np.zeros(len(rectangles), np.int64)
-    for at, (heading, low_u, high_u, low_v, high_v, _) in enumerate(rectangles):
-        cos, sin, margin = np.cos(heading), np.sin(heading), _OVER_MARGIN_M
-        u, v = tall[:, 0] * cos + tall[:, 1] * sin, tall[:, 1] * cos - tall[:, 0] * sin
-        over = (u > low_u - margin) & (u < high_u + margin) & (v > low_v - margin) & (v < high_v + margin)
-        result[at] = np.count_nonzero(over)
-    return result
 
 
 def outlines(rig: Rig, camera: str, groups: Groups, uv_px: Float64, depth_m: Float64, margin_px: float) -> Float64:
@@ -227,7 +223,7 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarI
         center_m=center,
         size_lwh_m=np.column_stack([whole.size_lw_m, height]),
         depth_m=depth,
-        rate_mps=_rates(groups),
+        rate_mps=np.array([groups.cloud.rate_mps(slice(*rows)) for rows in pairwise(groups.first.tolist())]),
         num_points=np.diff(groups.first),
     )
     return points, found
@@ -247,15 +243,3 @@ def _project(rig: Rig, camera: str, cloud: Cloud, params: ImageClusterParams) ->
         cluster[part] = np.where(found < 0, -1, found + cluster.max(initial=-1) + 1)
     order = np.argsort(cluster, kind="stable")
     return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud[order])
-
-
-def _rates(groups: Groups) -> Float64:
-    """Change of the distance (M,) [m/s] of each group: its velocity over ground less the sensor's own."""
-    cloud, result = groups.cloud, np.full(len(groups), np.nan)
-    for at in range(len(groups)):
-        rows = slice(int(groups.first[at]), int(groups.first[at + 1]))
-        own = cloud.own_mps[rows]
-        known = own[~np.isnan(own)]
-        if np.isfinite(known).any():
-            result[at] = median_rate(cloud.over_ground_mps[rows], cloud.period_mps[rows]) - median(known)
-    return result

@@ -26,17 +26,6 @@ from fbench.replay.geometry.camera import in_image, not_projectable, project_bod
 from fbench.replay.geometry.iou import corners
 
 SURE = 0.5  # A camera alone reports what it believes so far
-
-
-def relative(score: Float64, min_score: float) -> Float64:
-    """Turn the scores (N,) of a camera's boxes into probabilities, `SURE` at the score from which on it reports them.
-
-    Detectors mean different things by a score. The ratio of odds to those of `min_score`, which weights bring with
-    them, is taken to mean the same for all.
-    """
-    return np.asarray(1 / (1 + np.exp(log_odds(min_score) - log_odds(score))), np.float64)
-
-
 _GUESS_STD = 0.25
 _EDGE_PX = 3.0
 _MEASURED_STD, _MEASURED_STD_M = 0.04, 1.2  # Error of measured depths, as a share of the depth and [m]
@@ -60,45 +49,48 @@ class ImageObservations(Rows):
     spot: Int64  # (N,) row of the `Spots` that it is; -1: none
     upright: Bool  # (N,) whether its upper and lower edge are known; sparse radars don't tell heights
 
-    def sort(self) -> "ImageObservations":
-        """Sort by source, falling score, then place, so that the order in which they are given never matters."""
-        return self[np.lexsort((*self.xyxy_px.T[::-1], -self.score, self.source))]
-
     @property
     def weak(self) -> Bool:
         """(N,) boxes of cameras that count only where another sensor confirms them."""
         return np.asarray((self.source == int(Source.C)) & (self.score < SURE), np.bool_)
 
     @classmethod
+    def of(
+        cls, source: int, xyxy_px: Float64, score: Float64, label: Text, depth_m: Float64, std: Float64, **known: Array
+    ) -> "ImageObservations":
+        """Boxes (N) of one kind of sensor, of which no more is known than is given."""
+        num = len(score)
+        columns: dict[str, Array] = dict.fromkeys(("distance_m", "rate_mps"), np.full(num, np.nan))
+        columns |= {"spot": np.full(num, -1), "upright": np.ones(num, np.bool_), **known}
+        return cls(np.full(num, source, np.uint8), xyxy_px, score, label, depth_m, std, **columns)
+
+    @classmethod
     def none(cls) -> "ImageObservations":
         """Return no boxes."""
         none = np.zeros(0)
-        return cls(
-            none.astype(np.uint8), np.zeros((0, 4)), none, none.astype("U1"), none, none, none, none, _no_spot(0),
-            none > 0,
-        )  # fmt: skip
+        return cls.of(0, np.zeros((0, 4)), none, none.astype("U1"), none, none)
 
     @classmethod
     def join(cls, parts: Sequence["ImageObservations"]) -> "ImageObservations":
-        """Put several into one, in order."""
-        return super().join([*parts, cls.none()]).sort()
+        """Put several into one, by source, falling score, then place, so that the order of the parts never matters."""
+        every = super().join([*parts, cls.none()])
+        return every[np.lexsort((*every.xyxy_px.T[::-1], -every.score, every.source))]
 
 
 def by_camera(found: CameraDetections, camera: CameraModel) -> ImageObservations:
     """What a camera sees, and at which depth an object with its label would be as tall as its box; NaN for boxes that
-    the upper or lower border cuts off.
+    the upper or lower border cuts off. Scores become probabilities, `SURE` at that from which on it reports them.
     """
-    num, (_, top, _, bottom) = len(found), found.xyxy_px.T
+    _, top, _, bottom = found.xyxy_px.T
     whole = (top > _EDGE_PX) & (bottom < camera.size_wh[1] - 1 - _EDGE_PX)
     typical = [SIZES.get(label) for label in found.label.tolist()]
     height = np.array([np.nan if size is None else size.image_height_m for size in typical], np.float64)
     depth = np.where(whole, camera.K[1, 1] * height / np.maximum(bottom - top, 1.0), np.nan)
-    unknown = np.full(num, np.nan)
-    source = np.full(num, int(Source.C), np.uint8)
-    std = np.full(num, _GUESS_STD)
-    score = relative(found.score, found.min_score)
-    return ImageObservations(source, found.xyxy_px, score, found.label, depth, std, unknown, unknown, _no_spot(num),
-                     np.ones(num, np.bool_))  # fmt: skip
+    # Detectors mean different things by a score. The ratio of odds to those of `min_score`, which weights bring with
+    # them, is taken to mean the same for all.
+    score = np.asarray(1 / (1 + np.exp(log_odds(found.min_score) - log_odds(found.score))), np.float64)
+    std = np.full(len(found), _GUESS_STD)
+    return ImageObservations.of(Source.C, found.xyxy_px, score, found.label, depth, std)
 
 
 def by_points(spots: Spots, source: Source) -> ImageObservations:
@@ -106,12 +98,9 @@ def by_points(spots: Spots, source: Source) -> ImageObservations:
     rows = np.flatnonzero(np.isfinite(spots.xyxy_px).all(axis=1) & (spots.score > 0))
     spots = spots[rows]
     label = np.where(spots.size_lwh_m[:, 0] > LONG_M, "truck", "car")
-    sources = np.full(len(spots), int(source), np.uint8)
+    known = {"distance_m": spots.distance_m, "rate_mps": spots.rate_mps, "spot": rows}
     std = _compute_std(spots.depth_m)
-    return ImageObservations(
-        sources, spots.xyxy_px, spots.score, label, spots.depth_m, std, spots.distance_m, spots.rate_mps, rows,
-        np.ones(len(rows), np.bool_),
-    )  # fmt: skip
+    return ImageObservations.of(source, spots.xyxy_px, spots.score, label, spots.depth_m, std, **known)
 
 
 def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: Source) -> ImageObservations:
@@ -122,17 +111,10 @@ def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: S
     boxes, num = boxes[rows], len(rows)
     depths = project_body(rig, camera, corners(boxes).reshape(-1, 3))[1].reshape(-1, 8)
     depth = np.maximum(depths.min(axis=1, initial=np.inf), 0.5) if num else np.zeros(0)
-    distance = np.sqrt((boxes.center_m**2).sum(axis=1))
     label = np.where(boxes.size_lwh_m[:, 0] > LONG_M, "truck", "car") if boxes.label is None else boxes.label
-    sources = np.full(num, int(source), np.uint8)
-    return ImageObservations(
-        sources, outline[rows], score[rows], label, depth, _compute_std(depth), distance, rate_mps[rows],
-        _no_spot(num), np.full(num, source != Source.R),
-    )  # fmt: skip
-
-
-def _no_spot(num: int) -> Int64:
-    return np.full(num, -1)
+    known = {"distance_m": np.sqrt((boxes.center_m**2).sum(axis=1)), "rate_mps": rate_mps[rows]}
+    known["upright"] = np.full(num, source != Source.R)
+    return ImageObservations.of(source, outline[rows], score[rows], label, depth, _compute_std(depth), **known)
 
 
 def _compute_std(depth_m: Float64) -> Float64:
@@ -301,14 +283,11 @@ def relative_rates(view: RadarView, echoes: Compensated) -> Float64:
     its velocity along the line of sight over ground, less the radar's own.
     """
     result = np.full(len(view.boxes), np.nan)
-    velocity = view.boxes.velocity_mps
-    if velocity is None:
-        return result
-    for at in range(len(view.boxes)):
+    for at, velocity in enumerate([] if view.boxes.velocity_mps is None else view.boxes.velocity_mps):
         rows = view.cluster == at
         own = echoes.own_mps[rows]
         if np.isfinite(own).any():
             ray = np.nanmedian(view.xyz[rows], axis=0)[:2]
-            along = velocity[at, :2] @ ray / max(float(np.hypot(*ray)), 1e-9)
+            along = velocity[:2] @ ray / max(float(np.hypot(*ray)), 1e-9)
             result[at] = along - np.nanmedian(own)
     return result

@@ -1,1 +1,1 @@
-"""Lidar."""
+"""Detection by LiDAR: `lidar.py`, with the classification of clusters in `classification.py`."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, complete, fading
+from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, center_offsets, complete, fade
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, bounded, require_between
 from fbench.replay.data.arrays import Float64, Int64, Text
@@ -201,12 +201,12 @@ def plausibility(
     points `tall` (N, 3) [m] above the height of cars.
     """
     extent = np.sort(rectangles[:, [2, 4]] - rectangles[:, [1, 3]], axis=1)
-    score: Float64 = fading(bottom_m, *params.bottom_m) * fading(top_m, *params.top_m)
-    score *= fading(extent[:, 1], *params.least_extent_m) * fading(extent[:, 1], *params.most_length_m)
-    score *= fading(extent[:, 0], *params.most_width_m)
-    score *= fading(rectangles[:, 5], *params.filling_m) * fading(num_points, *params.num_points)
+    score: Float64 = fade(bottom_m, *params.bottom_m) * fade(top_m, *params.top_m)
+    score *= fade(extent[:, 1], *params.least_extent_m) * fade(extent[:, 1], *params.most_length_m)
+    score *= fade(extent[:, 0], *params.most_width_m)
+    score *= fade(rectangles[:, 5], *params.filling_m) * fade(num_points, *params.num_points)
     likely = np.flatnonzero(score > 0)
-    score[likely] *= fading(measure_inside(tall, rectangles[likely], params.margin_m)[:, 0], *params.num_over)
+    score[likely] *= fade(measure_inside(tall, rectangles[likely], params.margin_m)[:, 0], *params.num_over)
     return score
 
 
@@ -226,10 +226,10 @@ class Seen:
 
 def classify(seen: Seen, judge: str | None, car: VehicleSize, others: OtherSizes, shape: CarShapeParams) -> Boxes3D:
     """Complete clusters to road users by the model, or to cars by rules: also where `judge` says nothing."""
-    return road_users(seen, car, others) if judge == "model" else like_cars(seen, car, shape)
+    return road_users(seen, car, others) if judge == "model" else classify_cars(seen, car, shape)
 
 
-def like_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:
+def classify_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:
     """Complete clusters to cars; the score says how much they look like one, in [0, 1]."""
     first = seen.standing.first
     height = seen.standing.xy_height[first[0] :, 2]
@@ -244,18 +244,13 @@ def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
     found = features(seen.standing, seen.rectangles)
     probability = model.probabilities(found)
     kind = np.argmax(probability, axis=1)
-    by_label = {"car": car, "van": others.van, "truck": others.truck, "motorcycle": others.motorcycle,
-                "bicycle": others.bicycle, "pedestrian": others.pedestrian}  # fmt: skip
-    sizes = tuple(by_label[label] for label in model.labels.tolist())
+    sizes = tuple({"car": car, **vars(others)}[label] for label in model.labels.tolist())
     boxes = _complete(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))
     # Scores count times the probability that none of the likelier boxes around their middles is there: where two parts
     # of one vehicle are two clusters, both are completed to all of it. Of equal scores the first counts.
     score = np.zeros(0) if boxes.score is None else boxes.score
-    offset = boxes.center_m[:, None, :2] - boxes.center_m[None, :, :2]
-    cos, sin = np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
-    along = np.abs(offset[..., 0] * cos + offset[..., 1] * sin)
-    across = np.abs(offset[..., 1] * cos - offset[..., 0] * sin)
-    inside = (along < boxes.size_lwh_m[:, 0] / 2) & (across < boxes.size_lwh_m[:, 1] / 2)
+    along, across = center_offsets(boxes)
+    inside = (boxes.size_lwh_m[:, 0] / 2 > along.T) & (boxes.size_lwh_m[:, 1] / 2 > across.T)
     order = np.arange(len(score))
     likelier = (score > score[:, None]) | ((score == score[:, None]) & (order < order[:, None]))
     score = score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1)

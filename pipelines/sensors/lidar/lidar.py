@@ -1,23 +1,16 @@
 """LiDAR detection: ground removed, the rest clustered and classified, long vehicles put together again; timed."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
-from fbench.pipelines.sensors.points import ground
+from fbench.pipelines.sensors.points import vehicle
 from fbench.pipelines.sensors.points.clustering import ClusterParams
-from fbench.pipelines.sensors.points.ground import GroundParams, Plane
+from fbench.pipelines.sensors.points.ground import GroundParams, Plane, find_ground
 from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, viewpoint
-from fbench.pipelines.sensors.points.vehicle import (
-    HEADINGS_RAD,
-    NEAR_M,
-    OtherSizes,
-    VehicleSize,
-    complete_known,
-    fit_rectangles,
-)
+from fbench.pipelines.sensors.points.vehicle import Footprints, OtherSizes, VehicleSize
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -68,10 +61,8 @@ class LidarParams(CheckedParams, prefix="lidar"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, size in {
-            "size": self.size,
-            **{f"sizes.{name}": one for name, one in vars(self.sizes).items()},
-        }.items():
+        sizes = {"size": self.size, **{f"sizes.{name}": size for name, size in vars(self.sizes).items()}}
+        for name, size in sizes.items():
             size.check(f"lidar.{name}")
 
 
@@ -105,13 +96,7 @@ def resolve_judge(params: LidarParams, log_info: LogInfo) -> LidarParams:
 
 def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
     """Take the ground away from points (N, 3) in body coordinates."""
-    around = ground.surroundings(xyz, params.ground)
-    lowest, near = ground.lowest_points(around, params.ground), around.is_near
-    plane = ground.fit_plane(lowest, params.ground)
-    if plane is None:
-        near, height = np.zeros(len(xyz), np.bool_), np.zeros(len(xyz))
-    else:
-        height = ground.height_above_ground(around, lowest, plane, params.ground)
+    plane, near, height = find_ground(xyz, params.ground)
     top = params.cluster.max_height_m
     standing = near & (height > params.ground.tolerance_m) & (height < top)
     rows, tall = np.flatnonzero(standing), np.flatnonzero(near & (height >= top) & (height < 2.5 * top))
@@ -138,7 +123,7 @@ def sort_by_cluster(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tup
     if found.plane is None or loose == len(cluster):
         return xyz, cluster, None
     first = np.append(loose + np.flatnonzero(np.diff(cluster[loose:], prepend=-1)), len(cluster))
-    rectangles = fit_rectangles(np.ascontiguousarray(xyz[:, :2]), first, HEADINGS_RAD, NEAR_M)
+    rectangles = vehicle.fit_rectangles(np.ascontiguousarray(xyz[:, :2]), first, vehicle.HEADINGS_RAD, vehicle.NEAR_M)
     height = np.column_stack([xyz[:, :2], found.height_m[by_cluster]])
     tall = np.column_stack([found.tall[:, :2], found.tall[:, 2] - found.plane.z_m(found.tall)])
     return xyz, cluster, Seen(Standing(height, first, tall), rectangles, found.plane, viewpoint)
@@ -166,13 +151,7 @@ _ROUNDS = 3  # The more of a side is known, the better its heading, and the more
 _TURN_RAD = np.radians(np.arange(-10.0, 10.5, 1.0))
 
 
-class _Box(NamedTuple):
-    center_m: Float64  # (2,) [m]
-    size_lw_m: Float64  # (2,) [m]
-    yaw_rad: float
-
-
-def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
+def complete_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     """Let trucks and buses take what continues them away from the viewer at `viewpoint` (2,), the likeliest first.
 
     Beams that graze a side hit it farther and farther apart, until each column of them is a cluster of its own. A
@@ -182,7 +161,9 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     boxes = view.boxes
     if boxes.label is None or boxes.score is None:
         return view
-    score, owner = boxes.score, np.arange(len(boxes))
+    score, numbers = boxes.score, np.arange(len(boxes))
+    owner, clustered = numbers.copy(), view.cluster >= 0
+    total, is_solid = np.bincount(view.cluster[clustered], minlength=len(boxes)), np.isin(boxes.label, _SOLID)
     center, size, yaw = boxes.center_m.copy(), boxes.size_lwh_m.copy(), boxes.yaw_rad.copy()
     rows = np.flatnonzero((boxes.label == _LABEL) & (score >= _LEAST_SCORE))
     if not len(rows):
@@ -193,36 +174,36 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
         np.maximum.at(top, view.cluster, np.where(view.cluster >= 0, height, 0.0))
         high = top[view.cluster] > _HIGH_M
     for at in rows[np.lexsort((rows, -score[rows]))].tolist():
-        box = _Box(center[at, :2], size[at, :2], float(yaw[at]))
+        box = Footprints(center[[at], :2], size[[at], :2], yaw[[at]])
         for _ in range(_ROUNDS if owner[at] == at else 0):
-            taken = _take_points(view, owner, at, _strip(view, high, view.cluster == at, box, viewpoint))
+            inside = _strip(view, high, view.cluster == at, box, viewpoint)
+            share = np.bincount(view.cluster[clustered & inside], minlength=len(boxes)) / np.maximum(total, 1)
+            taken = (share >= _MOST) & (owner == numbers) & (numbers != at) & ~(is_solid & (score > score[at]))
             if not taken.any():
                 break
             owner[taken[owner]] = at
             # Around all its points, turned at most a little and at least as large as before.
-            xy = np.ascontiguousarray(view.xyz[(view.cluster >= 0) & (owner[view.cluster] == at), :2])
-            rectangle = fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, NEAR_M)
-            whole = complete_known(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
-            box = _Box(whole.center_m[0], whole.size_lw_m[0], float(whole.yaw_rad[0]))
-        center[at, :2], size[at, :2], yaw[at] = box
+            xy = np.ascontiguousarray(view.xyz[clustered & (owner[view.cluster] == at), :2])
+            rectangle = vehicle.fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, vehicle.NEAR_M)
+            box = vehicle.complete_known(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
+        center[at, :2], size[at, :2], yaw[at] = box.center_m[0], box.size_lw_m[0], box.yaw_rad[0]
     # Clusters are numbered anew without those that were taken; points stay sorted by cluster.
-    kept = np.flatnonzero(owner == np.arange(len(owner)))
-    cluster, clustered = np.full(len(view.cluster), -1), view.cluster >= 0
+    kept, cluster = np.flatnonzero(owner == numbers), np.full(len(view.cluster), -1)
     cluster[clustered] = np.searchsorted(kept, owner)[view.cluster[clustered]]
     order = np.argsort(cluster, kind="stable")
     whole_boxes = replace(boxes, center_m=center, size_lwh_m=size, yaw_rad=yaw)
     return LidarView(view.plane, view.xyz[order], cluster[order], whole_boxes[kept])
 
 
-def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64) -> Bool:
+def _strip(view: LidarView, high: Bool, own: Bool, box: Footprints, viewpoint: Float64) -> Bool:
     """Tell which points (N,) lie where a vehicle with points `own` goes on; `high`: what may be a truck's."""
-    axis = np.array([np.cos(box.yaw_rad), np.sin(box.yaw_rad)])
-    if (box.center_m - viewpoint) @ axis < 0:
+    axis = np.concatenate([np.cos(box.yaw_rad), np.sin(box.yaw_rad)])
+    if (box.center_m[0] - viewpoint) @ axis < 0:
         axis = -axis
     left = np.array([-axis[1], axis[0]])
     along, across = (view.xyz[:, :2] - viewpoint) @ axis, (view.xyz[:, :2] - viewpoint) @ left
     near, far = float(along[own].min()), float(along[own].max())
-    beside = np.abs(across - (box.center_m - viewpoint) @ left) < box.size_lw_m[1] / 2 + _ASIDE_M
+    beside = np.abs(across - (box.center_m[0] - viewpoint) @ left) < box.size_lw_m[0, 1] / 2 + _ASIDE_M
     rows = np.flatnonzero(beside & (along > far) & (along < near + _LONGEST_M))
     side = across[own][np.argmin(np.abs(across[own]))] * float((across[own] > 0).all() or (across[own] < 0).all())
     on_side = (np.abs(across[rows] - side) < _OFF_SIDE_M) & (side != 0)
@@ -248,18 +229,6 @@ def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> 
         elif is_side:
             break
     return end
-
-
-def _take_points(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
-    boxes, num = view.boxes, len(view.boxes)
-    clustered = view.cluster >= 0
-    total = np.bincount(view.cluster[clustered], minlength=num)
-    share = np.bincount(view.cluster[clustered & inside], minlength=num) / np.maximum(total, 1)
-    free = (owner == np.arange(num)) & (np.arange(num) != at)
-    if boxes.label is None or boxes.score is None:
-        return np.zeros(num, np.bool_)
-    itself = np.isin(boxes.label, _SOLID) & (boxes.score > boxes.score[at])
-    return np.asarray((share >= _MOST) & free & ~itself, np.bool_)
 
 
 class LidarStage:
@@ -289,7 +258,7 @@ class LidarStage:
         found = self.obstacles(points, clock)
         with clock.stage("detect.lidar"):
             seen = detect(found, self._viewpoint, self._params)
-            return replace(with_whole_trucks(seen, self._viewpoint), plane=self._plane)
+            return replace(complete_trucks(seen, self._viewpoint), plane=self._plane)
 
     def points(self, frame: Frame, clock: StageClock) -> Float64 | None:
         """Points (N, 3) [m] of all LiDARs but on the own vehicle, see `lidar_points`; `None` without any LiDAR."""

@@ -13,8 +13,6 @@ from fbench.replay.contracts.params import CheckedParams, bounded, require_betwe
 from fbench.replay.data.arrays import Array, Float64, Int64
 
 _QUIET = Lock()
-
-
 METHODS = ("dbscan", "agglomerative", "birch", "hdbscan", "meanshift", "optics")  # Names of all methods
 
 

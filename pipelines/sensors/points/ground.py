@@ -113,35 +113,23 @@ class Plane:
         return self.slope_x * xyz[:, 0] + self.slope_y * xyz[:, 1] + self.height_m
 
 
-@dataclass(frozen=True, eq=False)
-class Surroundings:
-    """Points that tell of the ground, and in which cells they lie."""
+def find_ground(xyz: Float64, params: GroundParams) -> tuple[Plane | None, Bool, Float64]:
+    """Find the ground under points (N, 3) [m] in body coordinates and lexicographic order.
 
-    xyz: Float64  # (N, 3) [m] in body coordinates, all points
-    is_near: Bool  # (N,) which of them lie within `range_m`
-    near: Float64  # (M, 3) those
-    cell: Int64  # (M, 2) their cells
-
-
-def surroundings(xyz: Float64, params: GroundParams) -> Surroundings:
-    """Tell which points (N, 3) [m] in body coordinates are near, and put those into cells."""
+    Returns a plane, `None` where too few points tell; which points (N,) are near, within `range_m`; and heights (N,)
+    [m] above the ground, see `height_above_ground`. Without a plane no point is near, and heights are 0. The ground is
+    seen at the lowest point of each cell, of equally low ones the first. In cells with many points the lowest
+    `outliers` of them are passed over: reflections from below the road.
+    """
     is_near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m
     near = xyz.take(np.flatnonzero(is_near), axis=0)
     cell = np.empty((len(near), 2), np.int64)
     cell[:, 0], cell[:, 1] = (np.floor(near[:, axis] / params.cell_m) for axis in (0, 1))
-    return Surroundings(xyz, is_near, near, cell)
-
-
-def lowest_points(around: Surroundings, params: GroundParams) -> Float64:
-    """Return the lowest point (M, 3) of each cell, cells in lexicographic order.
-
-    Points are in lexicographic order, which decides between equally low ones. In cells with many points the lowest
-    `outliers` of them are passed over: reflections from below the road.
-    """
-    if not len(around.near):
-        return around.near
-    lowest: Float64 = around.near[lowest_rows(around.cell, around.near[:, 2], params.outliers)]
-    return lowest
+    lowest = near[lowest_rows(cell, near[:, 2], params.outliers)] if len(near) else near
+    plane = fit_plane(lowest, params)
+    if plane is None:
+        return None, np.zeros(len(xyz), np.bool_), np.zeros(len(xyz))
+    return plane, is_near, height_above_ground(xyz, is_near, cell, lowest, plane, params)
 
 
 def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
@@ -181,8 +169,11 @@ def _refine(plane: Plane, lowest: Float64, band_m: float) -> Plane:
     return Plane(a, b, float(middle[2] - a * middle[0] - b * middle[1]))
 
 
-def height_above_ground(around: Surroundings, lowest: Float64, plane: Plane, params: GroundParams) -> Float64:
-    """Height (N,) [m] of all points above the highest surface under `lowest` (M, 3) that keeps to `max_slope`.
+def height_above_ground(
+    xyz: Float64, is_near: Bool, cell: Int64, lowest: Float64, plane: Plane, params: GroundParams
+) -> Float64:
+    """Height (N,) [m] of all points above the highest surface under `lowest` (M, 3) that keeps to `max_slope`; `cell`
+    (K, 2) are the cells of the near ones.
 
     The surface may deviate from the plane; points too far below the plane (mirrored by puddles and glass) are not
     taken for ground. Beyond `range_m` the plane counts.
@@ -199,4 +190,4 @@ def height_above_ground(around: Surroundings, lowest: Float64, plane: Plane, par
     surface = ndimage.grey_erosion(grid, structure=-cone, mode="constant", cval=np.inf)
     surface = np.where(np.isfinite(surface), surface, 0.0)
     shape = np.array([plane.slope_x, plane.slope_y, plane.height_m])
-    return heights(around.xyz, around.is_near, around.cell + half, shape, surface)
+    return heights(xyz, is_near, cell + half, shape, surface)

@@ -1,7 +1,7 @@
 """Points of all sensors of one kind, compensated for motion and merged in body coordinates."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,14 +73,6 @@ _MOST_AWAY_NS = 1_000_000_000  # Points measured farther from the frame's instan
 _MOST_MPS, _MOST_RADPS = 100.0, 5.0  # No vehicle moves faster: such poses jumped
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """How the body moves, steadily, in its own axes."""
-
-    turn_radps: Float64  # (3,)
-    speed_mps: Float64  # (3,)
-
-
 class Deskew:
     """Moves points to the instant of their frame: by their own times where the LiDAR gives them, else by that of the
     sweep, so that LiDARs with different stamps fit together.
@@ -96,7 +88,7 @@ class Deskew:
     def reset(self) -> None:
         """Forget the poses."""
         self._pose: Pose | None = None
-        self._motion: Motion | None = None
+        self._motion: Float64 | None = None
 
     def note(self, pose: Pose | None, stamp_ns: int) -> None:
         """Take the pose of the next frame, at whose instant `stamp_ns` points are wanted."""
@@ -118,11 +110,13 @@ class Deskew:
         if np.abs(after_ns).max(initial=0) > _MOST_AWAY_NS:
             return xyz
         after_s = after_ns.astype(np.float64) * 1e-9
-        return carry_points(xyz, after_s, self._motion.turn_radps, self._motion.speed_mps)
+        return carry_points(xyz, after_s, self._motion[:3], self._motion[3:])
 
 
-def motion(before: Pose, after: Pose) -> Motion | None:
-    """Return the steady motion from one pose to the next; `None` where they are too far apart in time, or jumped."""
+def motion(before: Pose, after: Pose) -> Float64 | None:
+    """How the body turns [rad/s] and moves [m/s], steadily, in its own axes (6,), from one pose to the next; `None`
+    where they are too far apart in time, or jumped.
+    """
     between_ns = after.stamp_ns - before.stamp_ns
     if not 0 < between_ns <= _MOST_BETWEEN_NS:
         return None
@@ -133,7 +127,7 @@ def motion(before: Pose, after: Pose) -> Motion | None:
     twist = np.asarray((first.inv() * second).as_exp_coords(), np.float64) / (between_ns * 1e-9)
     turn, speed = twist[:3], twist[3:]
     is_sane = np.sqrt((turn**2).sum()) <= _MOST_RADPS and np.sqrt((speed**2).sum()) <= _MOST_MPS
-    return Motion(turn, speed) if is_sane else None
+    return twist if is_sane else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +170,7 @@ def lidar_points(
     `ranges_m` gives for each LiDAR the least and the largest distance of points from it; those on the vehicle itself,
     which move with it, are left out, and `deskew` moves the others to the frame's instant.
     """
-    clouds = [m for m in _in_order(frame) if isinstance(m, PointCloud)]
+    clouds = [m for _, m in sorted(frame.messages.items()) if isinstance(m, PointCloud)]
     if deskew is not None:
         deskew.note(body_pose(rig, frame), frame.stamp_ns)
     if not clouds:
@@ -204,7 +198,7 @@ def viewpoint(rig: Rig, kind: Kind) -> Float64:
 def radar_scans(rig: Rig, frame: Frame, periods_mps: Mapping[str, float]) -> list[Echoes] | None:
     """Echoes of each radar, whose velocities alias with `periods_mps` by name; `None` where no radar delivered."""
     result = []
-    for scan in (m for m in _in_order(frame) if isinstance(m, RadarScan)):
+    for scan in (m for _, m in sorted(frame.messages.items()) if isinstance(m, RadarScan)):
         body_T_sensor = rig.body_T_sensor(scan.sensor)
         xyz = transform(body_T_sensor, scan.xyz)
         ray = xyz - body_T_sensor[:3, 3]
@@ -244,10 +238,6 @@ def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo,
     wanted = wanted or " or ".join(words[kind] for kind in kinds)
     present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
     raise LogError(f"log '{log_info.name}': {pipeline} needs {wanted}; the log has: {present}", "CFG001")
-
-
-def _in_order(frame: Frame) -> Iterator[object]:
-    return (frame.messages[name] for name in sorted(frame.messages))
 
 
 def report_boxes(boxes: Boxes3D, min_score: float, source: Source, labeled: bool = False) -> Boxes3D:

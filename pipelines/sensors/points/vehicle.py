@@ -7,6 +7,7 @@ import numpy as np
 from fbench.pipelines.fusion.sizes import SIZES
 from fbench.replay.contracts.params import require_between
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.kernels import kernel
 
 
@@ -91,7 +92,15 @@ def half_turn(angle_rad: Float64) -> Float64:
     return (angle_rad + np.pi / 2) % np.pi - np.pi / 2
 
 
-def fading(value: Array, good: float, bad: float) -> Float64:
+def center_offsets(boxes: Boxes3D) -> tuple[Float64, Float64]:
+    """How far (N, N) [m] the center of each box, by column, lies from that of each, by row, along and across that."""
+    offset = boxes.center_m[None, :, :2] - boxes.center_m[:, None, :2]
+    cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
+    along, across = offset[..., 0] * cos + offset[..., 1] * sin, offset[..., 1] * cos - offset[..., 0] * sin
+    return np.abs(along), np.abs(across)
+
+
+def fade(value: Array, good: float, bad: float) -> Float64:
     """Return 1 where values are at `good` or beyond, 0 at `bad` or beyond, linear between."""
     return np.clip((bad - np.asarray(value, np.float64)) / (bad - good), 0.0, 1.0)
 

@@ -1,1 +1,1 @@
-"""Radar."""
+"""Detection by radar: `radar.py`, with ego motion and velocities in `doppler.py`."""

@@ -1,7 +1,6 @@
 """Ego motion from Doppler, and which echoes move over ground."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -79,21 +78,20 @@ class DopplerParams(CheckedParams, prefix="radar.doppler"):
             require_between("radar.doppler.period_mps", self.period_mps, _LEAST_PERIOD_MPS, _MOST_PERIOD_MPS)
 
 
-def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerParams) -> dict[str, float]:
-    """Period [m/s] with which the velocities of each radar alias, by name; 0 where they are unambiguous.
+def velocity_period(radar: str, log_info: LogInfo, params: DopplerParams) -> float:
+    """Period [m/s] with which the velocities of a radar alias; 0 where they are unambiguous.
 
     Parameters go before what the log says about one radar, and that before what it says about all. Nothing is guessed
     from the velocities: a radar that rounds them looks like one that aliases. Raises LogError where the log says
     something that isn't a period.
     """
     if params.period_mps is not None:
-        return dict.fromkeys(radars, params.period_mps)
-    of_all = _log_period(PERIOD_KEY, log_info)
-    own = {name: _log_period(f"radar.{name}.velocity_period_mps", log_info) for name in radars}
-    return {name: (of_all or 0.0) if period is None else period for name, period in own.items()}
+        return params.period_mps
+    of_all, own = (_log_period(key, log_info) for key in (PERIOD_KEY, f"radar.{radar}.velocity_period_mps"))
+    return (of_all or 0.0) if own is None else own
 
 
-def with_logged_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams) -> DopplerParams:
+def resolve_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams) -> DopplerParams:
     """Say whether velocities of a radar hold the ego motion. Raises LogError where the log says something else."""
     key = f"radar.{radar}.ego_motion"
     text = log_info.metadata.get(key, log_info.metadata.get("radar.ego_motion", "included"))
@@ -152,14 +150,11 @@ def sensor_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
 
 
 def over_ground(echoes: Echoes, velocity: Float64) -> Float64:
-    """Radial velocity (N,) [m/s] of echoes over ground, given the radar's velocity (2,); positive when receding."""
+    """Radial velocity (N,) [m/s] of echoes over ground, given the radar's velocity (2,); positive when receding, NaN
+    where it measures none.
+    """
     moved = echoes.direction[:, 0] * velocity[0] + echoes.direction[:, 1] * velocity[1]
     return wrap_velocity(echoes.radial_velocity_mps + moved, echoes.period_mps)
-
-
-def range_rates(echoes: Echoes, params: DopplerParams) -> Float64:
-    """Radial velocity (N,) [m/s] over ground of the echoes of one radar; NaN where it measures no velocities."""
-    return over_ground(echoes, own_velocity(echoes, params))
 
 
 def own_velocity(echoes: Echoes, params: DopplerParams) -> Float64:

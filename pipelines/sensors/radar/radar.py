@@ -128,7 +128,7 @@ def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
     rate = echoes.range_rate_mps[moving]
     periods = np.unique(echoes.period_mps[np.isfinite(echoes.range_rate_mps)])
     if len(periods) == 1:  # velocities of different periods can be compared only where they are smallest
-        rate = _unbroken(rate, float(periods[0]))
+        rate = _shift_seam(rate, float(periods[0]))
     features = np.column_stack([echoes.xyz[moving, :2], rate * params.cluster.seconds])
     result, grouping = np.full(len(echoes.xyz), -1), params.cluster.grouping
     result[moving] = grouping.clusters(features, np.hypot(features[:, 0], features[:, 1]))
@@ -138,7 +138,7 @@ def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
     return doppler.add_unmeasured(*where, echoes.is_strong, result, grouping, params.unmeasured)
 
 
-def _unbroken(rate_mps: Float64, period_mps: float) -> Float64:
+def _shift_seam(rate_mps: Float64, period_mps: float) -> Float64:
     """Shift ambiguous velocities to [0, period), so that the seam lies at standstill, where nothing that moves is."""
     return rate_mps if period_mps <= 0 else np.asarray(np.mod(rate_mps, period_mps), np.float64)
 
@@ -189,7 +189,7 @@ def median_rate(rate_mps: Float64, period_mps: Float64) -> float:
         return math.nan
     rate_mps, period_mps = rate_mps[known], period_mps[known]
     period = 0.0 if np.any(period_mps <= 0) else float(period_mps.max())
-    rate = median(_unbroken(rate_mps[period_mps == period], period))
+    rate = median(_shift_seam(rate_mps[period_mps == period], period))
     return rate - period if period > 0 and rate > period / 2 else rate
 
 
@@ -199,12 +199,10 @@ class RadarStage:
     def __init__(self, rig: Rig, log_info: LogInfo, params: RadarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, resolve_scoring(params, log_info)
         self._own = {
-            name: replace(own, doppler=doppler.with_logged_ego_motion(name, log_info, own.doppler))
+            name: replace(own, doppler=doppler.resolve_ego_motion(name, log_info, own.doppler))
             for name, own in settings.own("radar", params, OWN).items()
         }
-        self._periods = {
-            name: doppler.velocity_periods((name,), log_info, own.doppler)[name] for name, own in self._own.items()
-        }
+        self._periods = {n: doppler.velocity_period(n, log_info, own.doppler) for n, own in self._own.items()}
 
     def view(self, frame: Frame, clock: StageClock) -> RadarView:
         """Detect in the echoes of one frame; without radar nothing is seen."""

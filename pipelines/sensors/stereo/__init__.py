@@ -1,1 +1,1 @@
-"""Stereo."""
+"""Depth by stereo: `depth.py`, and vehicles in it: `stage.py`."""

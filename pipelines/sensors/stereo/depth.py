@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
@@ -56,8 +57,6 @@ class Rectifier:
 
     def images(self, left: Pixels, right: Pixels) -> tuple[Pixels, Pixels]:
         """Shrink and rectify two grey images (H, W), to (h, w)."""
-        import cv2
-
         size = self.camera.size_wh
         one, other = (
             image if image.shape[::-1] == size else np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
@@ -218,8 +217,6 @@ class Matcher:
     """Matches pairs of rectified images of one size; disparities below `num_px` are searched."""
 
     def __init__(self, focal_px: float, baseline_m: float, width_px: int, params: DisparityParams) -> None:
-        import cv2
-
         most = min(focal_px * baseline_m / params.nearest_m, params.max_disparity_px)
         # OpenCV fails where it isn't less than the width, which the margin doubles at most.
         self.num_px = max(1, min(math.ceil(most / _STEP), width_px // _STEP)) * _STEP
@@ -237,8 +234,6 @@ class Matcher:
         Returns d = u_left - u_right (H, W) [px]. Both images get a margin on the left, because OpenCV doesn't look at
         pixels nearer to that border than the largest disparity; matches in it don't count.
         """
-        import cv2
-
         wide = [cv2.copyMakeBorder(one, 0, 0, self.num_px, 0, cv2.BORDER_REPLICATE) for one in (left, right)]
         found = np.asarray(self._sgbm.compute(wide[0], wide[1])[:, self.num_px :], np.float32)
         disparity: Float32 = found / np.float32(_STEP)
@@ -248,8 +243,6 @@ class Matcher:
 
     def texture(self, image: Pixels) -> Float32:
         """Mean absolute step to the right (H, W) [grey levels] around each pixel of a grey image."""
-        import cv2
-
         step = np.zeros(image.shape, np.uint8)
         cv2.absdiff(image[:, 1:], image[:, :-1], step[:, :-1])
         size = (2 * self._block + 1, self._block)
@@ -302,8 +295,6 @@ def sure_share(
     """Share [0 to 1] of the pixels from the horizon down to row `end` whose match is sure; 0 where none is there. Takes
     rectified grey images, disparity and texture of the left one, all (H, W).
     """
-    import cv2
-
     begin = _first_row(how, len(left))
     if begin >= end:
         return 0.0

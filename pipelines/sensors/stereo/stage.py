@@ -9,17 +9,9 @@ from fbench.pipelines.sensors.lidar.classification import CarShapeParams
 from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams, LidarView
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.ground import GroundParams
-from fbench.pipelines.sensors.points.vehicle import VehicleSize, fading
-from fbench.pipelines.sensors.stereo import depth as quality
-from fbench.pipelines.sensors.stereo.depth import (
-    DepthParams,
-    DisparityParams,
-    Matcher,
-    QualityParams,
-    choose_pair,
-    points,
-    rectifier,
-)
+from fbench.pipelines.sensors.points.vehicle import VehicleSize, fade
+from fbench.pipelines.sensors.stereo import depth
+from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.data.arrays import Float64
@@ -63,8 +55,8 @@ class StereoStage:
     def __init__(self, rig: Rig, log_name: str, params: StereoParams) -> None:
         self._params = params
         self._sizes = {name: camera.size_wh for name, camera in rig.cameras.items()}
-        self.pair = choose_pair(rig, log_name, params.left, params.right)  # The cameras that are used
-        self._how = rectifier(rig, self.pair, params.disparity.shrink)
+        self.pair = depth.choose_pair(rig, log_name, params.left, params.right)  # The cameras that are used
+        self._how = depth.rectifier(rig, self.pair, params.disparity.shrink)
         camera, self.eye_m = self._how.camera, self._how.body_T_camera[:2, 3]
         self._matcher = Matcher(float(camera.K[0, 0]), self._how.baseline_m, camera.size_wh[0], params.disparity)
         self.focal_baseline = float(camera.K[0, 0]) * self._how.baseline_m
@@ -81,14 +73,14 @@ class StereoStage:
         with clock.stage("detect.stereo"):
             texture = self._matcher.texture(left)
             disparity = self._matcher.disparity(left, right, texture)
-            end = quality.last_row(disparity, self._how, self._matcher.num_px)
-            share = quality.sure_share(left, right, disparity, texture, self._how, end, self._params.quality)
+            end = depth.last_row(disparity, self._how, self._matcher.num_px)
+            share = depth.sure_share(left, right, disparity, texture, self._how, end, self._params.quality)
         if share < self._params.quality.min_share:
             return StereoView(np.zeros((0, 3)), share, True)
         with clock.stage("calibrate"):
             nearest_m = max(self._params.disparity.nearest_m, self.focal_baseline / self._matcher.num_px)
             disparity[end:] = np.nan
-            return StereoView(points(disparity, self._how, nearest_m, self._params.depth), share)
+            return StereoView(depth.points(disparity, self._how, nearest_m, self._params.depth), share)
 
     def _pixels(self, frame: Frame, name: str, faults: list[Fault]) -> Pixels | None:
         image = frame.messages.get(name)
@@ -179,4 +171,4 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     member = view.cluster >= 0
     first = np.flatnonzero(np.diff(view.cluster[member], prepend=-1))
     top_m = np.maximum.reduceat((view.xyz[:, 2] - view.plane.z_m(view.xyz))[member], first)
-    return replace(view, boxes=replace(view.boxes, score=score * fading(top_m, *params.least_top_m)))
+    return replace(view, boxes=replace(view.boxes, score=score * fade(top_m, *params.least_top_m)))

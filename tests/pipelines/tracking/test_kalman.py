@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.tracking.kalman import COVARIANCE, PLACE_VAR, RATE_VAR, begin, predict, update
+from fbench.pipelines.tracking.kalman import COVARIANCE, PLACE, PLACE_VAR, RATE, RATE_VAR, begin, predict, update
 
 
 def test_prediction_moves_by_rate_times_time_and_grows_uncertain() -> None:
     states = begin(np.array([[1.0, 2.0]]), np.array([[3.0, -1.0]]), np.full(2, 0.5), np.full(2, 2.0))
     later = predict(states, 0.5, np.full(2, 4.0))
-    assert (later.place.tolist(), later.rate.tolist()) == ([[2.5, 1.5]], [[3.0, -1.0]])
+    assert (later[PLACE].tolist(), later[RATE].tolist()) == ([[2.5, 1.5]], [[3.0, -1.0]])
     # P = F P F' + Q: 0.5^2 + 0.5^2 2^2 + 4^2 0.5^3 / 3;  0.5 2^2 + 4^2 0.5^2 / 2;  2^2 + 4^2 0.5.
-    first = later.values[[PLACE_VAR, COVARIANCE, RATE_VAR], 0, 0]
+    first = later[[PLACE_VAR, COVARIANCE, RATE_VAR], 0, 0]
     np.testing.assert_allclose(first, [0.25 + 1 + 2 / 3, 2 + 2, 4 + 8])
 
 
@@ -17,14 +17,14 @@ def test_scalar_update_by_hand() -> None:
     states = begin(np.array([[0.0]]), np.array([[0.0]]), np.array([2.0]), np.array([1.0]))
     got = update(states, np.array([[10.0]]), np.array([1.0]))
     # Gain 4 / (4 + 1).
-    np.testing.assert_allclose(got.values[:, 0, 0], [8.0, 0.0, 0.8, 0.0, 1.0])
+    np.testing.assert_allclose(got[:, 0, 0], [8.0, 0.0, 0.8, 0.0, 1.0])
 
 
 def test_a_larger_measurement_noise_trusts_measurements_less() -> None:
     states = begin(np.zeros((2, 1)), np.zeros((2, 1)), np.ones(1), np.ones(1))
     got = update(states, np.ones((2, 1)), np.array([[0.1], [10.0]]))
-    assert got.place[0, 0] > 0.9
-    assert got.place[1, 0] < 0.1
+    assert got[PLACE][0, 0] > 0.9
+    assert got[PLACE][1, 0] < 0.1
 
 
 def test_blocks_are_those_of_the_whole_matrices() -> None:
@@ -44,10 +44,10 @@ def test_blocks_are_those_of_the_whole_matrices() -> None:
         P = F @ np.diag(np.concatenate([std, rate_std]) ** 2) @ F.T + Q
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(later_std**2))
         mean, P = mean + K @ (z[0] - H @ mean), (np.eye(2 * num) - K @ H) @ P
-        np.testing.assert_allclose(np.concatenate([states.place[0], states.rate[0]]), mean, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(np.concatenate([states[PLACE][0], states[RATE][0]]), mean, rtol=1e-9, atol=1e-9)
         i = np.arange(num)
         blocks = np.array([P[i, i], P[i, i + num], P[i + num, i + num]])
-        np.testing.assert_allclose(states.values[PLACE_VAR:, 0], blocks, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(states[PLACE_VAR:, 0], blocks, rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize("dt", [0.05, 1.0])
@@ -59,10 +59,12 @@ def test_the_filter_is_the_least_squares_line_when_nothing_drifts(dt: float) -> 
     for value in measured[1:]:
         states = update(predict(states, dt, np.zeros(1)), np.array([[value]]), np.array([0.1]))
     slope, offset = np.polyfit(times, measured, 1)
-    np.testing.assert_allclose([states.place[0, 0], states.rate[0, 0]], [offset + slope * times[-1], slope], rtol=1e-4)
+    np.testing.assert_allclose(
+        [states[PLACE][0, 0], states[RATE][0, 0]], [offset + slope * times[-1], slope], rtol=1e-4
+    )
 
 
 def test_no_tracks() -> None:
     empty = np.zeros((0, 3))
     states = begin(empty, empty, np.ones(3), np.ones(3))
-    assert len(update(predict(states, 0.1, np.ones(3)), empty, np.ones(3))) == 0
+    assert update(predict(states, 0.1, np.ones(3)), empty, np.ones(3)).shape == (5, 0, 3)

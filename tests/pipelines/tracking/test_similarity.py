@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from fbench.pipelines.tracking.association import giou_2d, giou_3d, mahalanobis_nearness
-from fbench.pipelines.tracking.kalman import States, begin
+from fbench.pipelines.tracking.kalman import PLACE, PLACE_VAR, begin
 from fbench.pipelines.tracking.kernels import hull_areas
 from fbench.replay.geometry.iou import common_areas, iou_2d
 
@@ -101,13 +101,13 @@ def test_distance_in_standard_deviations():
 @settings(max_examples=100, deadline=None)
 def test_mahalanobis_as_written_down(seed):
     rng = np.random.default_rng(seed)
-    states = States(rng.uniform(0.1, 5, (5, 4, 3)))
+    states = rng.uniform(0.1, 5, (5, 4, 3))
     measured, std = rng.normal(size=(5, 3)), rng.uniform(0.1, 2, (5, 3))
     expected = np.empty((4, 5))
     for t in range(4):
         for m in range(5):
-            apart = measured[m] - states.place[t]
-            spread = np.diag(states.place_var[t] + std[m] ** 2)
+            apart = measured[m] - states[PLACE][t]
+            spread = np.diag(states[PLACE_VAR][t] + std[m] ** 2)
             expected[t, m] = max(0.0, 1 - np.sqrt(apart @ np.linalg.inv(spread) @ apart) / 3)
     np.testing.assert_allclose(mahalanobis_nearness(states, measured, std, 3.0), expected, atol=1e-9)
 

@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.pipelines.tracking.kalman import States, predict, update
+from fbench.pipelines.tracking.kalman import PLACE, predict, update
 from fbench.pipelines.tracking.kernels import as_corners, as_measured
 
 LEAST = 1e-3
 
 
-def random_states(rng: np.random.Generator, num: int, size: int) -> States:
+def random_states(rng: np.random.Generator, num: int, size: int) -> np.ndarray:
     values = rng.normal(0, 50, (5, num, size)) * 10.0 ** rng.integers(-6, 7, (5, num, size))
     values[[2, 4]] = np.abs(values[[2, 4]]) + 1e-9
-    return States(values)
+    return values
 
 
 @settings(max_examples=1000, deadline=None)
@@ -27,13 +27,13 @@ def test_both_steps_are_the_closed_forms(seed: int, num: int, size: int, dt_s: f
     states, z = random_states(rng, num, size), rng.normal(0, 50, (num, size))
     drift, std = rng.uniform(0, 9, (2, num, size) if each else (2, size))
 
-    place, rate, var, shared, rate_var = states.values
+    place, rate, var, shared, rate_var = states
     q = drift**2
     expected = [
         place + dt_s * rate, rate, var + dt_s * shared + dt_s * shared + dt_s * rate_var * dt_s + q * dt_s**3 / 3,
         shared + dt_s * rate_var + q * dt_s**2 / 2, rate_var + q * dt_s,
     ]  # fmt: skip
-    np.testing.assert_array_equal(predict(states, dt_s, drift).values, np.array(expected))
+    np.testing.assert_array_equal(predict(states, dt_s, drift), np.array(expected))
 
     weight = 1 / (var + std**2)
     gain, rate_gain = var * weight, shared * weight
@@ -42,7 +42,7 @@ def test_both_steps_are_the_closed_forms(seed: int, num: int, size: int, dt_s: f
         place + gain * (z - place), rate + rate_gain * (z - place), var - gain * var, between,
         rate_var - rate_gain * shared,
     ]  # fmt: skip
-    np.testing.assert_array_equal(update(states, z, std).values, np.array(expected))
+    np.testing.assert_array_equal(update(states, z, std), np.array(expected))
 
 
 @settings(max_examples=1000, deadline=None)
@@ -78,6 +78,6 @@ def test_what_is_not_a_number_stays_so_and_leaves_others_alone(at: int) -> None:
 
 def test_nothing_to_divide_by_is_no_error() -> None:
     """A state and a measurement that are both exact, and a box without aspect ratio."""
-    exact = States(np.zeros((5, 1, 1)))
-    assert np.isnan(update(exact, np.ones((1, 1)), np.zeros(1)).place).all()
+    exact = np.zeros((5, 1, 1))
+    assert np.isnan(update(exact, np.ones((1, 1)), np.zeros(1))[PLACE]).all()
     assert not np.isfinite(as_corners(np.array([[1.0, 1.0, 4.0, 0.0]]))[0, [1, 3]]).any()

@@ -12,7 +12,7 @@ from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.trackers import Tracker2D
 from fbench.pipelines.variants.camera2d import Camera2D, Camera2DParams
-from fbench.pipelines.variants.fused import Late3D, Late3DParams
+from fbench.pipelines.variants.early_late import Late3D, Late3DParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams

@@ -10,7 +10,7 @@ import pytest
 from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
-from fbench.pipelines.variants.fused import Early2D, FusedImagesParams, Late2D
+from fbench.pipelines.variants.early_late import Early2D, FusedImagesParams, Late2D
 from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams
 from fbench.pipelines.variants.radar import Radar2D, Radar2DParams
 from fbench.replay.contracts.errors import ConfigError, LogError

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.fusion.late.fuse import are_one
-from fbench.pipelines.fusion.late.place import FusedObject
+from fbench.pipelines.fusion.observations import are_one
+from fbench.replay.data.boxes import Boxes3D, concatenate
 
 
 def found(x, y, length=4.0, yaw=0.0):
-    size = np.array([length, 2.0, 1.5])
-    return FusedObject(np.array([x, y, 0.8]), size, yaw, np.full(3, np.nan), "car", 0.5, 2)
+    return Boxes3D(np.array([[x, y, 0.8]]), np.array([[length, 2.0, 1.5]]), np.array([yaw]))
 
 
 @pytest.mark.parametrize(
@@ -24,4 +23,4 @@ def found(x, y, length=4.0, yaw=0.0):
     ],
 )
 def test_are_one(a, b, one):
-    assert are_one(a, b, merge_m=3.0) is one
+    assert are_one(concatenate([a, b]), merge_m=3.0).tolist() == [[True, one], [one, True]]

@@ -12,7 +12,7 @@ from fbench.pipelines.sensors.camera.detector import (
     Thresholds,
     builtin_identity,
     thresholds,
-    with_builtin,
+    use_builtin,
 )
 from fbench.replay.contracts.errors import ModelError
 from fbench.replay.data.boxes import VEHICLES
@@ -28,17 +28,17 @@ REAL = LogInfo("drive", "drive-1", {})
 def test_it_is_the_default_on_simulated_logs_only(tmp_path):
     named = CameraParams(weights=tmp_path / "mine.onnx")
     own = {"front": CameraParams(), "left": CameraParams(weights=None), "rear": named}
-    assert with_builtin(own, REAL) == own
-    assert with_builtin(own, SIMULATED) == {**own, "front": CameraParams(weights=CITY_WEIGHTS)}
+    assert use_builtin(own, REAL) == own
+    assert use_builtin(own, SIMULATED) == {**own, "front": CameraParams(weights=CITY_WEIGHTS)}
 
 
 def test_the_manifest_tells_which_it_was():
-    own = with_builtin({"front": CameraParams()}, SIMULATED)
+    own = use_builtin({"front": CameraParams()}, SIMULATED)
     said = builtin_identity(own, CameraParams())
     sha256 = hashlib.sha256(CITY_WEIGHTS.read_bytes()).hexdigest()
     assert said == {"camera.weights": {"file": "city.onnx", "sha256": sha256}}
-    assert builtin_identity(with_builtin({"front": CameraParams()}, REAL), CameraParams()) == {}
-    some = with_builtin({"front": CameraParams(), "rear": CameraParams(weights=None)}, SIMULATED)
+    assert builtin_identity(use_builtin({"front": CameraParams()}, REAL), CameraParams()) == {}
+    some = use_builtin({"front": CameraParams(), "rear": CameraParams(weights=None)}, SIMULATED)
     assert builtin_identity(some, CameraParams()).keys() == {"camera.weights"}
     assert builtin_identity(some, CameraParams(weights=None)).keys() == {"front.weights"}
     assert builtin_identity({"front": CameraParams(CITY_WEIGHTS)}, CameraParams(CITY_WEIGHTS)) == {}

@@ -11,7 +11,7 @@ SIZE = (200, 50)
 
 
 def test_detr_reads_boxes_as_they_are() -> None:
-    layout = Detr("images", "orig_target_sizes", (0, 1, 2), (100, 100), COCO_80, None)
+    layout = Detr("images", (100, 100), COCO_80, None, "orig_target_sizes", (0, 1, 2))
     feeds = layout.feeds([PIXELS, PIXELS])
     assert feeds["images"].shape == (2, 3, 100, 100)
     assert feeds["orig_target_sizes"].tolist() == [[200, 50]] * 2
@@ -29,7 +29,7 @@ def yolox_raw(cell: int, values: list[float]) -> np.ndarray:
 
 
 def test_yolox_decodes_the_grid() -> None:
-    layout = YoloX("images", (64, 64), (8, 16, 32), COCO_80, 1)
+    layout = YoloX("images", (64, 64), COCO_80, 1, (8, 16, 32))
     fed = layout.feeds([PIXELS])["images"]
     assert fed[0, :, 0, 0].tolist() == [255, 0, 0]
     assert fed[0, :, 63, 63].tolist() == [114, 114, 114]
@@ -44,7 +44,7 @@ def test_yolox_decodes_the_grid() -> None:
 
 
 def test_yolox_that_was_decoded_by_the_export() -> None:
-    layout = YoloX("images", (64, 64), (8, 16, 32), COCO_80, 1)
+    layout = YoloX("images", (64, 64), COCO_80, 1, (8, 16, 32))
     raw = yolox_raw(69, [24, 20, 16, 32, 0.9])
     cells = grid((64, 64), (8, 16, 32))
     raw[0, :69, :2] = (cells[:69, :2] + 0.5) * cells[:69, 2:]
@@ -53,7 +53,7 @@ def test_yolox_that_was_decoded_by_the_export() -> None:
 
 
 def test_yolox_survives_huge_exponents() -> None:
-    layout = YoloX("images", (64, 64), (8, 16, 32), COCO_80, 1)
+    layout = YoloX("images", (64, 64), COCO_80, 1, (8, 16, 32))
     (found,) = layout.read([yolox_raw(0, [0, 0, 1e9, 1, 0.9])], [(64, 64)], 0.3)
     assert np.isfinite(found.xyxy).all()
 
@@ -66,7 +66,7 @@ def test_grid_counts_cells_row_by_row() -> None:
 
 
 def test_yolov8_letterboxes_to_the_middle() -> None:
-    layout = Ultralytics("images", (100, 100), "classes", COCO_80, 1)
+    layout = Ultralytics("images", (100, 100), COCO_80, 1, "classes")
     fed = layout.feeds([PIXELS])["images"]
     np.testing.assert_allclose(fed[0, :, 50, 50], [0, 0, 1])
     np.testing.assert_allclose(fed[0, :, 0, 0], 114 / 255, rtol=1e-6)
@@ -79,7 +79,7 @@ def test_yolov8_letterboxes_to_the_middle() -> None:
 
 
 def test_yolov5_multiplies_objectness_and_class() -> None:
-    layout = Ultralytics("images", (200, 50), "objectness", COCO_80, 1)
+    layout = Ultralytics("images", (200, 50), COCO_80, 1, "objectness")
     raw = np.zeros((1, 2, 85))
     raw[0, 0, :5], raw[0, 0, 5 + 3] = [50, 25, 20, 10, 0.5], 0.8
     (found,) = layout.read([raw], [SIZE], 0.3)
@@ -88,7 +88,7 @@ def test_yolov5_multiplies_objectness_and_class() -> None:
 
 
 def test_yolo_with_nms_inside() -> None:
-    layout = Ultralytics("images", (200, 50), "final", COCO_80, 1)
+    layout = Ultralytics("images", (200, 50), COCO_80, 1, "final")
     raw = np.array([[[40, 20, 60, 30, 0.9, 1.0], [0, 0, 0, 0, 0, 0]]])
     (found,) = layout.read([raw], [SIZE], 0.3)
     assert (found.xyxy.tolist(), found.label.tolist()) == ([[40, 20, 60, 30]], ["bicycle"])
@@ -96,7 +96,7 @@ def test_yolo_with_nms_inside() -> None:
 
 @pytest.mark.parametrize(("input_wh", "expected"), [(None, [1, 2, 30, 40]), ((100, 100), [2, 1, 60, 20])])
 def test_torchvision_feeds_one_image(input_wh: tuple[int, int] | None, expected: list[float]) -> None:
-    layout = Torchvision("image", input_wh, False, (1, 0, 2), COCO_91)
+    layout = Torchvision("image", input_wh, COCO_91, 1, False, (1, 0, 2))
     assert layout.feeds([PIXELS])["image"].shape == ((3, 100, 100) if input_wh else (3, 50, 200))
     outputs = [np.array([[1.0, 2, 30, 40], [0, 0, 9, 9]]), np.array([3, 5]), np.array([0.9, 0.9])]
     (found,) = layout.read(outputs, [SIZE], 0.5)
@@ -109,22 +109,22 @@ def test_damaged_rows_are_dropped_without_warnings(bad: float, column: int) -> N
     """Warnings are errors here."""
     final = np.array([[[40, 20, 60, 30, 0.9, 1.0]] * 2], np.float32)
     final[0, 0, column] = bad
-    (found,) = Ultralytics("images", (200, 50), "final", COCO_80, 1).read([final], [SIZE], 0.3)
+    (found,) = Ultralytics("images", (200, 50), COCO_80, 1, "final").read([final], [SIZE], 0.3)
     assert found.xyxy.tolist() == [[40, 20, 60, 30]]
     objectness = np.zeros((1, 2, 85), np.float32)
     objectness[0, :, :8] = [50, 25, 20, 10, 0.5, 0, 0, 0.8]
     objectness[0, 0, column] = bad
-    (found,) = Ultralytics("images", (200, 50), "objectness", COCO_80, 1).read([objectness], [SIZE], 0.3)
+    (found,) = Ultralytics("images", (200, 50), COCO_80, 1, "objectness").read([objectness], [SIZE], 0.3)
     assert found.xyxy.tolist() == [[40, 20, 60, 30]]
     raw = yolox_raw(69, [0.5, 0.25, 0.0, np.log(2.0), 0.9])
     raw[0, 0, 4], raw[0, 0, 7], raw[0, 0, column] = 0.9, 0.5, bad
-    (found,) = YoloX("images", (64, 64), (8, 16, 32), COCO_80, 1).read([raw], [(64, 64)], 0.3)
+    (found,) = YoloX("images", (64, 64), COCO_80, 1, (8, 16, 32)).read([raw], [(64, 64)], 0.3)
     assert len(found) == 1
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e30])
 def test_class_ids_that_are_no_numbers_are_unknown(bad: float) -> None:
-    layout = Detr("images", "orig_target_sizes", (0, 1, 2), (100, 100), COCO_80, None)
+    layout = Detr("images", (100, 100), COCO_80, None, "orig_target_sizes", (0, 1, 2))
     outputs = [np.array([[bad, 2]]), np.array([[[1, 2, 30, 40.0]] * 2]), np.array([[0.9, 0.8]])]
     (found,) = layout.read(outputs, [SIZE], 0.5)
     assert found.score.tolist() == [0.8]

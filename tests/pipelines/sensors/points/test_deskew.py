@@ -146,8 +146,8 @@ def test_the_own_vehicle_moves_along():
 
 def test_motion_between_poses():
     found = motion(pose(400), pose(500))
-    np.testing.assert_allclose(found.turn_radps, [0, 0, TURN_RADPS], atol=1e-12)
-    np.testing.assert_allclose(found.speed_mps, [SPEED_MPS, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(found[:3], [0, 0, TURN_RADPS], atol=1e-12)
+    np.testing.assert_allclose(found[3:], [SPEED_MPS, 0, 0], atol=1e-12)
     assert motion(pose(500), pose(400)) is None
     assert motion(pose(0), pose(1001)) is None
 

@@ -5,16 +5,21 @@ from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.pipelines.sensors.radar.doppler import (
     PERIOD_KEY,
     DopplerParams,
-    range_rates,
+    over_ground,
+    own_velocity,
+    resolve_ego_motion,
     sensor_velocity,
-    velocity_periods,
-    with_logged_ego_motion,
+    velocity_period,
     wrap_velocity,
 )
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.rig import LogInfo
 
 PERIOD = 128 * 0.0812
+
+
+def range_rates(echoes, params):
+    return over_ground(echoes, own_velocity(echoes, params))
 
 
 def scene(velocity, moving=0.0, period=0.0, num=400, num_moving=40):
@@ -64,7 +69,8 @@ def test_radar_without_velocities():
 
 def test_periods_that_the_log_gives():
     def periods(metadata, given=None):
-        return velocity_periods(("left", "right"), LogInfo("drive", "id", metadata), DopplerParams(period_mps=given))
+        log, params = LogInfo("drive", "id", metadata), DopplerParams(period_mps=given)
+        return {name: velocity_period(name, log, params) for name in ("left", "right")}
 
     assert periods({}) == {"left": 0.0, "right": 0.0}
     assert periods({PERIOD_KEY: "10.4"}) == {"left": 10.4, "right": 10.4}
@@ -79,7 +85,7 @@ def test_periods_that_the_log_gives():
 def test_periods_that_are_none(key, text):
     match = rf"log 'drive': metadata {key}: expected 0 or a number from 0\.1 to 1000, got '{text}'"
     with pytest.raises(LogError, match=match):
-        velocity_periods(("front",), LogInfo("drive", "id", {key: text}), DopplerParams())
+        velocity_period("front", LogInfo("drive", "id", {key: text}), DopplerParams())
 
 
 def test_velocities_that_are_free_of_ego_motion_stay_as_they_are():
@@ -92,9 +98,9 @@ def test_velocities_that_are_free_of_ego_motion_stay_as_they_are():
 
 def test_the_log_says_whether_ego_motion_is_removed():
     told = LogInfo("a", "b", {"radar.front.ego_motion": "removed"})
-    assert with_logged_ego_motion("front", told, DopplerParams()).ego_motion == "removed"
-    assert with_logged_ego_motion("rear", told, DopplerParams()).ego_motion == "included"
-    assert with_logged_ego_motion("front", told, DopplerParams(ego_motion="included")).ego_motion == "included"
+    assert resolve_ego_motion("front", told, DopplerParams()).ego_motion == "removed"
+    assert resolve_ego_motion("rear", told, DopplerParams()).ego_motion == "included"
+    assert resolve_ego_motion("front", told, DopplerParams(ego_motion="included")).ego_motion == "included"
     odd = LogInfo("a", "b", {"radar.ego_motion": "perhaps"})
     with pytest.raises(LogError, match="expected 'included' or 'removed', got 'perhaps'"):
-        with_logged_ego_motion("front", odd, DopplerParams())
+        resolve_ego_motion("front", odd, DopplerParams())

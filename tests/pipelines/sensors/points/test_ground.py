@@ -1,13 +1,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.sensors.points.ground import (
-    GroundParams,
-    fit_plane,
-    height_above_ground,
-    lowest_points,
-    surroundings,
-)
+from fbench.pipelines.sensors.points.ground import GroundParams, find_ground, lowest_rows
 
 PARAMS = GroundParams()
 
@@ -19,11 +13,16 @@ def road(slope_x=0.0, slope_y=0.0, height_m=-1.6, extent_m=40.0, step_m=0.8):
 
 
 def lowest(points):
-    return lowest_points(surroundings(points, PARAMS), PARAMS)
+    cell = np.floor(points[:, :2] / PARAMS.cell_m).astype(np.int64)
+    return points[lowest_rows(cell, points[:, 2], PARAMS.outliers)]
 
 
-def heights(points, plane):
-    return height_above_ground(surroundings(points, PARAMS), lowest(points), plane, PARAMS)
+def find_plane(points):
+    return find_ground(points, PARAMS)[0]
+
+
+def heights(points):
+    return find_ground(points, PARAMS)[2]
 
 
 def wall(x_m=10.0, base_m=-1.6):
@@ -33,7 +32,7 @@ def wall(x_m=10.0, base_m=-1.6):
 
 @pytest.mark.parametrize(("slope_x", "slope_y", "height_m"), [(0, 0, -1.6), (0.05, -0.09, -1.6), (-0.1, 0.1, 0.4)])
 def test_tilted_road(slope_x, slope_y, height_m):
-    plane = fit_plane(lowest(road(slope_x, slope_y, height_m)), PARAMS)
+    plane = find_plane(road(slope_x, slope_y, height_m))
     assert plane is not None
     assert [plane.slope_x, plane.slope_y, plane.height_m] == pytest.approx([slope_x, slope_y, height_m], abs=1e-9)
 
@@ -41,7 +40,7 @@ def test_tilted_road(slope_x, slope_y, height_m):
 def test_walls_and_points_under_the_road_change_little():
     mirrored = np.column_stack([np.full(50, 6.0), np.linspace(-5, 5, 50), np.full(50, -4.0)])
     points = np.concatenate([road(0.03), wall(), mirrored])
-    plane = fit_plane(lowest(points), PARAMS)
+    plane = find_plane(points)
     assert plane is not None
     assert [plane.slope_x, plane.slope_y, plane.height_m] == pytest.approx([0.03, 0, -1.6], abs=0.02)
 
@@ -50,34 +49,34 @@ def test_heights_follow_a_slope_that_leaves_the_plane():
     points = road()
     far = np.abs(points[:, 0]) > 20
     points[far, 2] += 0.04 * (np.abs(points[far, 0]) - 20)
-    plane = fit_plane(lowest(points), PARAMS)
+    plane = find_plane(points)
     assert plane is not None
-    assert heights(points, plane).max() < PARAMS.tolerance_m
+    assert heights(points).max() < PARAMS.tolerance_m
 
 
 def test_height_of_a_box_on_the_road():
     box = np.array([[10.0, 2.0, -0.6], [10.5, 2.0, -1.0]])
     points = np.concatenate([road(), box])
-    plane = fit_plane(lowest(points), PARAMS)
+    plane = find_plane(points)
     assert plane is not None
-    assert heights(points, plane)[-2:] == pytest.approx([1.0, 0.6], abs=0.02)
+    assert heights(points)[-2:] == pytest.approx([1.0, 0.6], abs=0.02)
 
 
 def test_far_points_are_measured_from_the_plane():
     points = np.concatenate([road(), [[500.0, 0, 0.4]]])
-    plane = fit_plane(lowest(points), PARAMS)
+    plane = find_plane(points)
     assert plane is not None
-    assert heights(points, plane)[-1] == pytest.approx(2.0)
+    assert heights(points)[-1] == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.ones((1, 3)), np.ones((9, 3)), np.full((5, 3), 1000.0)])
 def test_too_few_places_give_no_ground(points):
-    assert fit_plane(lowest(points), PARAMS) is None
+    assert find_plane(points) is None
 
 
 def test_ground_seen_on_one_line_keeps_its_tilt():
     line = np.column_stack([np.arange(2, 40, 1.0), np.zeros(38), np.full(38, -1.5)])
-    plane = fit_plane(lowest(line), PARAMS)
+    plane = find_plane(line)
     assert plane is not None
     assert (plane.slope_x, plane.slope_y, plane.height_m) == (0.0, 0.0, pytest.approx(-1.5))
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.sensors.lidar.lidar import LidarView, with_whole_trucks
+from fbench.pipelines.sensors.lidar.lidar import LidarView, complete_trucks
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.boxes import Boxes3D
 
@@ -44,7 +44,7 @@ def turned(seen: LidarView, angle: float) -> LidarView:
 
 
 def test_a_truck_takes_the_stripes_of_its_side_and_becomes_as_long():
-    whole = with_whole_trucks(truck(), EYE)
+    whole = complete_trucks(truck(), EYE)
     assert len(whole.boxes) == 1
     assert whole.boxes.size_lwh_m[0] == pytest.approx([9.8, 2.6, 3.3])
     assert whole.boxes.center_m[0, :2] == pytest.approx([24.9, 4.3], abs=0.01)
@@ -54,8 +54,8 @@ def test_a_truck_takes_the_stripes_of_its_side_and_becomes_as_long():
 
 def test_a_turned_scene_gives_a_turned_truck():
     angle = 0.5
-    expected = turned(with_whole_trucks(truck(), EYE), angle).boxes
-    found = with_whole_trucks(turned(truck(), angle), EYE).boxes
+    expected = turned(complete_trucks(truck(), EYE), angle).boxes
+    found = complete_trucks(turned(truck(), angle), EYE).boxes
     assert found.center_m == pytest.approx(expected.center_m, abs=1e-9)
     assert found.size_lwh_m == pytest.approx(expected.size_lwh_m)
     assert np.cos(found.yaw_rad - expected.yaw_rad) == pytest.approx(1.0)
@@ -64,12 +64,12 @@ def test_a_turned_scene_gives_a_turned_truck():
 def test_a_truck_that_faces_the_other_way_goes_on_away_from_the_viewer():
     seen = truck()
     seen = replace(seen, boxes=replace(seen.boxes, yaw_rad=np.full(len(seen.boxes), np.pi)))
-    assert with_whole_trucks(seen, EYE).boxes.center_m[0, :2] == pytest.approx([24.9, 4.3], abs=0.01)
+    assert complete_trucks(seen, EYE).boxes.center_m[0, :2] == pytest.approx([24.9, 4.3], abs=0.01)
 
 
 def test_what_lies_behind_a_gap_is_something_else():
     stripes = np.append(STRIPES, 33.0)
-    whole = with_whole_trucks(truck(stripes=stripes), EYE)
+    whole = complete_trucks(truck(stripes=stripes), EYE)
     assert len(whole.boxes) == 2
     assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(9.8)
     assert whole.cluster.tolist() == sorted(whole.cluster.tolist())
@@ -77,7 +77,7 @@ def test_what_lies_behind_a_gap_is_something_else():
 
 
 def test_what_looks_more_like_a_vehicle_stays():
-    assert len(with_whole_trucks(truck(kind="car", stripe_score=0.7), EYE).boxes) == 1 + len(STRIPES)
+    assert len(complete_trucks(truck(kind="car", stripe_score=0.7), EYE).boxes) == 1 + len(STRIPES)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_what_looks_more_like_a_vehicle_stays():
     ids=["unlikely", "alone", "no classes", "nothing", "no clusters"],
 )  # fmt: skip
 def test_other_views_stay_as_they_are(seen):
-    found = with_whole_trucks(seen, EYE)
+    found = complete_trucks(seen, EYE)
     assert np.array_equal(found.xyz, seen.xyz)
     assert np.array_equal(found.cluster, seen.cluster)
     assert np.array_equal(found.boxes.center_m, seen.boxes.center_m)
@@ -105,7 +105,7 @@ def test_points_of_no_cluster_stay_so_but_bridge_gaps():
     seen = replace(
         seen, xyz=np.concatenate([loose, seen.xyz]), cluster=np.append(np.full(len(loose), -1), seen.cluster)
     )
-    whole = with_whole_trucks(seen, EYE)
+    whole = complete_trucks(seen, EYE)
     assert len(whole.boxes) == 1
     assert (whole.cluster == -1).sum() == len(loose)
 
@@ -124,7 +124,7 @@ def with_height(seen: LidarView, number: int, top_m: float) -> LidarView:
 
 def test_columns_of_points_on_the_side_of_a_truck_ahead_are_its_own():
     seen = with_height(with_height(truck(stripes=RARE), 2, 2.4), 3, 2.4)
-    whole = with_whole_trucks(seen, EYE)
+    whole = complete_trucks(seen, EYE)
     assert len(whole.boxes) == 1
     assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(13.0)
     assert whole.boxes.center_m[0, 0] == pytest.approx(26.5, abs=0.05)
@@ -132,19 +132,19 @@ def test_columns_of_points_on_the_side_of_a_truck_ahead_are_its_own():
 
 def test_a_truck_ends_where_it_was_last_seen_to_be_high():
     seen = with_height(with_height(truck(stripes=RARE), 2, 2.4), 3, 1.4)  # the last column may be a car ahead of it
-    whole = with_whole_trucks(seen, EYE)
+    whole = complete_trucks(seen, EYE)
     assert len(whole.boxes) == 2
     assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(8.5)  # it was seen for 7.5 m
 
 
 def test_a_column_that_was_not_hit_ends_the_truck():
     seen = with_height(with_height(truck(stripes=[23.5, 33.0]), 1, 2.4), 2, 2.4)
-    assert with_whole_trucks(seen, EYE).boxes.size_lwh_m[0, 0] == pytest.approx(8.5)
+    assert complete_trucks(seen, EYE).boxes.size_lwh_m[0, 0] == pytest.approx(8.5)
 
 
 def test_wheels_right_behind_what_is_high_are_the_trucks():
     seen = truck(stripes=[23.5, 27.5, 29.0])
-    whole = with_whole_trucks(with_height(with_height(seen, 2, 2.4), 3, 0.9), EYE)
+    whole = complete_trucks(with_height(with_height(seen, 2, 2.4), 3, 0.9), EYE)
     assert len(whole.boxes) == 1
     assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(9.0)
 
@@ -154,7 +154,7 @@ def test_low_columns_farther_behind_what_is_high_may_be_a_car_ahead():
     seen = truck(stripes=[23.5, 27.5, 29.0, 30.5, 32.0])
     for number, top_m in ((2, 2.4), (3, 0.9), (4, 0.9), (5, 0.9)):
         seen = with_height(seen, number, top_m)
-    whole = with_whole_trucks(seen, EYE)
+    whole = complete_trucks(seen, EYE)
     assert len(whole.boxes) == 3
     assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(9.0)
 
@@ -167,7 +167,7 @@ def test_the_order_of_points_changes_nothing(seed):
     seen = replace(seen, xyz=np.concatenate([under, seen.xyz]), cluster=np.append([-1, -1], seen.cluster))
     order = np.random.default_rng(seed).permutation(len(seen.xyz))
     order = order[np.argsort(seen.cluster[order], kind="stable")]
-    mixed = with_whole_trucks(replace(seen, xyz=seen.xyz[order], cluster=seen.cluster[order]), EYE)
+    mixed = complete_trucks(replace(seen, xyz=seen.xyz[order], cluster=seen.cluster[order]), EYE)
     assert len(mixed.boxes) == 1
     assert mixed.boxes.size_lwh_m[0, 0] == pytest.approx(13.0)
 
@@ -178,6 +178,6 @@ def test_what_is_seen_under_a_truck_does_not_end_it(under):
     seen = replace(
         seen, xyz=np.concatenate([under, seen.xyz]), cluster=np.append(np.full(len(under), -1), seen.cluster)
     )
-    whole = with_whole_trucks(seen, EYE)
+    whole = complete_trucks(seen, EYE)
     assert len(whole.boxes) == 1
     assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(13.0)

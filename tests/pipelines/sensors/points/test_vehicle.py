@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.sensors.points.vehicle import VehicleSize, complete, fading, fit_rectangles, half_turn
+from fbench.pipelines.sensors.points.vehicle import VehicleSize, complete, fade, fit_rectangles, half_turn
 
 CAR = VehicleSize(length_m=4.0, width_m=2.0, height_m=1.5)
 ORIGIN = np.zeros(2)
@@ -77,8 +77,8 @@ def test_rectangle_of_one_point():
 
 
 def test_fading():
-    assert fading(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 1.0, 2.0).tolist() == [1.0, 1.0, 0.5, 0.0, 0.0]
-    assert fading(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 2.0, 1.0).tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
+    assert fade(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 1.0, 2.0).tolist() == [1.0, 1.0, 0.5, 0.0, 0.0]
+    assert fade(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 2.0, 1.0).tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
 
 
 def test_half_turn():

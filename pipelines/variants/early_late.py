@@ -1,17 +1,17 @@
 """early2d, late2d, early3d and late3d: compositions of all sensors, one kind of fusion each, and a tracker."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, Literal
 
-from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds
+from fbench.pipelines.fusion.early.cloud import DepthStage, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams, CameraStage
+from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
 from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, projectable
 from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage
@@ -21,17 +21,13 @@ from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
-from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
-from fbench.pipelines.tracking.tracks import B, Tracker
+from fbench.pipelines.tracking.trackers import B, Tracker, Tracker2D, Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.geometry.stereo_pairs import pairs
-
-First = TypeVar("First")
-Second = TypeVar("Second")
 
 
 @dataclass(frozen=True)
@@ -59,35 +55,22 @@ class AllSensorsParams(CheckedParams):
 class FusionPipeline(TrackingPipeline[B]):
     """Cameras and two other kinds of sensors, whose branches run in parallel."""
 
-    def __init__(self, params: AllSensorsParams, camera_share: float, tracker: Tracker[B]) -> None:
+    def __init__(self, params: AllSensorsParams, camera_share: float, tracker: Tracker[B, Any]) -> None:
         super().__init__(tracker, params.detect_every)
         self._cameras, self._branches = CameraStage(params.camera, camera_share), Branches()
-
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._cameras.identity
 
     def _start_cameras(self, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> None:
         """Take all cameras of the rig. Raises LogError where one that is used can't be projected into."""
         self._cameras.start(rig, log_info, settings)
         self._cameras.require_projections()
-        self.missing = self._cameras.missing
+        self.missing, self.weights = self._cameras.missing, self._cameras.identity
 
     def _view(
-        self,
-        frame: Frame,
-        clock: StageClock,
-        faults: list[Fault],
-        a: Callable[[Frame, StageClock], First],
-        b: Callable[[Frame, StageClock], Second],
-    ) -> tuple[dict[str, CameraDetections], First, Second]:
-        """Return what the cameras see, by name, and what `a` and `b` give; a corrupt image is one of the `faults`."""
-        return self._branches.run(
-            clock,
-            lambda clock: self._cameras.view(frame, clock, faults),
-            lambda clock: a(frame, clock),
-            lambda clock: b(frame, clock),
-        )
+        self, frame: Frame, clock: StageClock, faults: list[Fault], *others: Callable[[Frame, StageClock], Any]
+    ) -> tuple[Any, ...]:
+        """Return what the cameras see, by name, and what `others` give; a corrupt image is one of the `faults`."""
+        views: list[Callable[..., Any]] = [partial(self._cameras.view, faults=faults), *others]
+        return self._branches.run(clock, *(partial(view, frame) for view in views))
 
 
 @dataclass(frozen=True)
@@ -161,7 +144,7 @@ class Early3DParams(AllSensorsParams):
     the model where `judge` doesn't say otherwise. Points are grouped as `fusion.density` says, not `lidar.cluster`."""
     radar: RadarParams = field(default_factory=RadarParams)
     """How echoes are prepared and which of them move; they are grouped as `fusion.density` says."""
-    stereo_pair: Choice = "auto"
+    stereo_pair: Literal["auto", "on", "off"] = "auto"
     """Whether depth by a stereo pair joins the cloud: `on`, `off`, or `auto`, where the rig has a pair and no LiDAR."""
     stereo: StereoParams = field(default_factory=StereoParams)  # Depth by stereo.
     fusion: EarlyParams = field(default_factory=EarlyParams)  # How one cloud becomes objects.
