@@ -276,7 +276,7 @@ def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEH
 
 def _judge_tracks(view: View, group: Group, options: ScoreOptions) -> _Judged:
     judgement, problem, pairs = follow_tracks(view.sequence, group, view.match)
-    candidates, used = judgement.candidates, np.flatnonzero(judgement.used)
+    candidates, used = judgement.candidates, np.flatnonzero(judgement.is_used)
     frames = view.sequence.steps.frame[candidates.truth.step]
     rows = np.flatnonzero(pairs.estimate_of >= 0)
     last: dict[int, tuple[int, int]] = {}

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
 from fbench.replay.contracts.importing import FrameRange, read_bytes
 from fbench.replay.data.arrays import Float32, Float64
-from fbench.replay.data.images import MAX_PIXELS, encoded_format, encoded_size
+from fbench.replay.data.images import MAX_PIXELS, read_size, sniff_format
 from fbench.replay.data.messages import Image
 from fbench.replay.data.rig import Kind, Mount
 from fbench.replay.geometry.transforms import quaternion
@@ -96,7 +96,7 @@ def read_image(
     """
     data = read_bytes(path)
     try:
-        encoding, size = encoded_format(data), encoded_size(data)
+        encoding, size = sniff_format(data), read_size(data)
     except DecodeError as error:
         raise LogError(f"{path}: {error}") from error
     # Some cameras pad their files with zeros.

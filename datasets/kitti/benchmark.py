@@ -82,7 +82,7 @@ class BenchmarkRecording:
             except LogError as error:  # nothing of a frame can be used that can't be placed
                 self._wish.bad.report(error)
                 continue
-            if changed := now.changed_since(rig):
+            if changed := now.list_changes(rig):
                 yield RigChange(stamp_ns, now, changed)
                 rig = now
             yield from messages

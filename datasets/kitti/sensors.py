@@ -14,7 +14,7 @@ from fbench.datasets.importing.files import BODY_T_OPTICAL, is_pinhole, is_rotat
 from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
 from fbench.replay.contracts.importing import read_bytes, require_file
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.images import encoded_size
+from fbench.replay.data.images import read_size
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.formats.objects import LabeledObject
 from fbench.replay.formats.text import Line, lines, parse_number
@@ -113,7 +113,7 @@ def first_size(paths: Iterable[Path]) -> Size | None:
     """Return the size [px] of the first image whose header can be read; `None` where there is none."""
     for path in paths:
         try:
-            return encoded_size(read_bytes(path))
+            return read_size(read_bytes(path))
         except (LogError, DecodeError):
             continue  # whoever reads it for its pixels tells what is wrong with it
     return None

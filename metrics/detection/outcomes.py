@@ -140,7 +140,7 @@ class Judgement:
     outcome: Array  # (M,) int8 `Outcome`
 
     @property
-    def used(self) -> Bool:
+    def is_used(self) -> Bool:
         """(M,) hits and false alarms."""
         return ~np.isin(self.outcome, (Outcome.OUTSIDE, Outcome.EXCUSED))
 
@@ -157,7 +157,7 @@ class Judgement:
             ignored=num[Outcome.OUTSIDE] + num[Outcome.EXCUSED],
             invalid=invalid,
             invalid_truth=sequence.num_invalid_truth,
-            predicted=0 if predicted is None else int(np.count_nonzero(predicted & self.used)),
+            predicted=0 if predicted is None else int(np.count_nonzero(predicted & self.is_used)),
         )
 
 

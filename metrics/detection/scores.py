@@ -123,7 +123,7 @@ def detection_counts(sequence: Sequence, group: Group, match: Match) -> Detectio
     candidates = outcomes.compare_class(sequence, group, match)
     found, ranked = outcomes.judge_detections(candidates), outcomes.judge_ranked(candidates)
     score = candidates.estimates.score
-    counts = ranked.used & np.isfinite(score)
+    counts = ranked.is_used & np.isfinite(score)
     ranking = Ranking.of(score[counts], ranked.outcome[counts] == Outcome.HIT, len(candidates.truth_row))
     hits = np.flatnonzero(found.truth_of_estimate >= 0)
     truth, estimates = candidates.truth_row[found.truth_of_estimate[hits]], candidates.estimates[hits]

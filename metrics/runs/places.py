@@ -22,7 +22,7 @@ class SharedRun(Run):
     """A run that keeps what is derived of it for as long as it lives; metrics that don't know of it see a run."""
 
     @cached_property
-    def kept(self) -> dict[Hashable, object]:
+    def cache(self) -> dict[Hashable, object]:
         """By what it is and all that it depends on."""
         return {}
 
@@ -31,9 +31,9 @@ def once(run: Run, key: Hashable, make: Callable[[], T]) -> T:
     """Return what `make` returns; of a shared run it is called for the first time only."""
     if not isinstance(run, SharedRun):
         return make()
-    if key not in run.kept:
-        run.kept[key] = make()
-    return cast(T, run.kept[key])
+    if key not in run.cache:
+        run.cache[key] = make()
+    return cast(T, run.cache[key])
 
 
 SHOWN_FROM = 0.4

@@ -50,12 +50,12 @@ def follow_tracks(
     judgement = judge(c, match_best(c.similarity, match.floor, ~c.inside), by_score=False)
     problem, pairs, partner = _follow(judgement)
     # Estimates outside of the region that lost their truth to the pair of the step before are no false alarms.
-    left = judgement.used & (partner < 0) & ~c.inside & ~c.invalid
+    left = judgement.is_used & (partner < 0) & ~c.inside & ~c.invalid
     if left.any():
         judgement = replace(judgement, outcome=np.where(left, np.int8(Outcome.OUTSIDE), judgement.outcome))
         problem, pairs, partner = _follow(judgement)
     made = np.where(partner >= 0, Outcome.HIT, np.where(c.invalid, Outcome.INVALID, Outcome.FALSE_ALARM))
-    return Judgement(c, partner, np.where(judgement.used, made, judgement.outcome).astype(np.int8)), problem, pairs
+    return Judgement(c, partner, np.where(judgement.is_used, made, judgement.outcome).astype(np.int8)), problem, pairs
 
 
 def _clear_rules(match: Match) -> ClearRules:
@@ -66,7 +66,7 @@ def _clear_rules(match: Match) -> ClearRules:
 
 def _follow(judgement: Judgement) -> tuple[Problem, ClearPairs, Int64]:
     """The problem of the estimates that count, its pairs, and the truth box (M,) of each estimate; -1: none."""
-    candidates, used = judgement.candidates, judgement.used
+    candidates, used = judgement.candidates, judgement.is_used
     truth, estimates, stream = candidates.truth, candidates.estimates[used], candidates.sequence.steps.stream
     similarity = candidates.similarity.select(np.ones(len(truth), bool), used)
     # Those without an id are tracks of their own.
@@ -82,7 +82,7 @@ def _follow(judgement: Judgement) -> tuple[Problem, ClearPairs, Int64]:
 def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> TrackingCounts:
     """Match and count one class, see `follow_tracks`. MetricError where boxes lack what the match compares."""
     judgement, problem, pairs = follow_tracks(sequence, group, match, part)
-    truth, track_id = judgement.candidates.truth, judgement.candidates.estimates.track_id[judgement.used]
+    truth, track_id = judgement.candidates.truth, judgement.candidates.estimates.track_id[judgement.is_used]
     switches = pairs.count(SWITCH)
     if (track_id < 0).any():  # matches without an id don't count
         rows = np.flatnonzero(np.append(track_id, -1)[pairs.estimate_of] >= 0)

@@ -7,7 +7,7 @@ from fbench.pipelines.models.weights import resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.stereo.stage import StereoParams
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 
 PlainSensor = Literal["camera", "lidar", "radar", "stereo"]
 Strategy = Literal["early", "late"]
@@ -17,29 +17,29 @@ Strategy = Literal["early", "late"]
 class PlainCropParams(CheckedParams, prefix="crop"):
     """Which points take part. The thesis doesn't say how it leaves out the ground; here by height alone."""
 
-    min_range_m: float = bounded(3.0, 0, 1e4)
+    min_range_m: float = in_range(3.0, 0, 1e4)
     """Points nearer to the body's origin, seen from above [m], lie on the own vehicle."""
-    max_range_m: float = bounded(100.0, 0.1, 1e4)  # Farther points [m] are left out.
-    low_m: float = bounded(0.3, -1e3, 1e3)
+    max_range_m: float = in_range(100.0, 0.1, 1e4)  # Farther points [m] are left out.
+    low_m: float = in_range(0.3, -1e3, 1e3)
     """Points lower than this over the body's origin [m] are ground: the thesis's origin is on the ground."""
-    high_m: float = bounded(3.5, -1e3, 1e3)  # Higher points [m] are left out.
+    high_m: float = in_range(3.5, -1e3, 1e3)  # Higher points [m] are left out.
 
 
 @dataclass(frozen=True)
 class PlainClusterParams(CheckedParams, prefix="cluster"):
     """DBSCAN over x, y and z."""
 
-    eps_m: float = bounded(1.2, 0.01, 100)  # Radius [m].
-    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    eps_m: float = in_range(1.2, 0.01, 100)  # Radius [m].
+    min_points: int = in_range(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
 
 
 @dataclass(frozen=True)
 class PlainImageParams(CheckedParams, prefix="image"):
     """DBSCAN over u, v and depth."""
 
-    eps_px: float = bounded(20.0, 0.01, 1e4)  # Radius [px].
-    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
-    depth_px_per_m: float = bounded(10.0, 0, 1e4)
+    eps_px: float = in_range(20.0, 0.01, 1e4)  # Radius [px].
+    min_points: int = in_range(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    depth_px_per_m: float = in_range(10.0, 0, 1e4)
     """A difference in depth of 1 m counts as a distance of this many pixels [px/m]."""
 
 
@@ -47,14 +47,14 @@ class PlainImageParams(CheckedParams, prefix="image"):
 class PlainSizeParams(CheckedParams, prefix="size"):
     """Sizes of clusters that may be vehicles, of which a sensor sees some sides. The thesis names no limits."""
 
-    least_points: int = bounded(5, 1, 1e6)  # Clusters of fewer points are dropped.
-    least_extent_m: float = bounded(1.4, 0, 1e3)
+    least_points: int = in_range(5, 1, 1e6)  # Clusters of fewer points are dropped.
+    least_extent_m: float = in_range(1.4, 0, 1e3)
     """Least extent along the longer of the axes x and y [m]: shorter clusters are poles and people."""
-    most_extent_m: float = bounded(12.0, 0, 1e3)
+    most_extent_m: float = in_range(12.0, 0, 1e3)
     """Greatest extent along the longer of the axes x and y [m]: longer clusters are walls."""
-    most_width_m: float = bounded(4.0, 0, 1e3)  # Greatest extent along the shorter of the axes x and y [m].
-    least_height_m: float = bounded(0.5, 0, 1e3)  # Least height between the lowest and the highest point [m].
-    most_height_m: float = bounded(2.2, 0, 1e3)
+    most_width_m: float = in_range(4.0, 0, 1e3)  # Greatest extent along the shorter of the axes x and y [m].
+    least_height_m: float = in_range(0.5, 0, 1e3)  # Least height between the lowest and the highest point [m].
+    most_height_m: float = in_range(2.2, 0, 1e3)
     """Greatest height between them [m]: higher clusters are buildings and trees."""
 
 
@@ -79,8 +79,8 @@ class PlainImageSensorParams(PlainSensorParams):
 class PlainFusionParams(CheckedParams, prefix="fusion"):
     """How boxes of several sensors become one."""
 
-    min_iou: float = bounded(0.05, 1e-6, 1)  # Boxes that overlap less than this (intersection over union) stay apart.
-    label_share: float = bounded(0.5, 0, 1)
+    min_iou: float = in_range(0.05, 1e-6, 1)  # Boxes that overlap less than this (intersection over union) stay apart.
+    label_share: float = in_range(0.5, 0, 1)
     """With early fusion in 3D: a cluster gets a camera's label where at least this share of its points carries one."""
 
 
@@ -103,7 +103,7 @@ class PlainParams(CheckedParams):
     stereo: PlainSensorParams = field(default_factory=PlainSensorParams)  # Points of stereo.
     depth: StereoParams = field(default_factory=StereoParams)  # How stereo gives depth.
     fusion: PlainFusionParams = field(default_factory=PlainFusionParams)  # How boxes of several sensors become one.
-    detect_every: int = bounded(1, 1)
+    detect_every: int = in_range(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""

@@ -11,7 +11,7 @@ from fbench.pipelines.external import messages
 from fbench.pipelines.external.messages import ProtocolError
 from fbench.pipelines.external.process import Deadline, KeptText, Process, ProgramError, parse_command
 from fbench.replay.contracts.errors import DataError, FbenchError, LogError, RunError
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
@@ -34,12 +34,12 @@ class ExecParams(CheckedParams):
     """Parameters of `exec`."""
 
     command: str = ""  # The program with its arguments, split as a shell does; found in PATH, or as a path.
-    frame_timeout_s: float = bounded(10.0, 0.001)
+    frame_timeout_s: float = in_range(10.0, 0.001)
     """A program that takes longer for a frame [s] is killed and started again."""
-    start_timeout_s: float = bounded(60.0, 0.001)  # So long [s] it may take to be ready.
-    close_timeout_s: float = bounded(2.0, 0.001)
+    start_timeout_s: float = in_range(60.0, 0.001)  # So long [s] it may take to be ready.
+    close_timeout_s: float = in_range(2.0, 0.001)
     """So long [s] it may take to exit when its stdin is closed, and again when it is terminated; then it is killed."""
-    max_response_mib: int = bounded(64, 1, 1024)  # Longer answers [MiB] are refused.
+    max_response_mib: int = in_range(64, 1, 1024)  # Longer answers [MiB] are refused.
 
 
 class Exec:

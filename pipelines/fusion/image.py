@@ -13,7 +13,7 @@ from fbench.pipelines.sensors.image import stage
 from fbench.pipelines.sensors.image.objects import Points
 from fbench.pipelines.sensors.image.stage import SURE, ImageObservations, InImages, Rays
 from fbench.pipelines.sensors.rows import suppress
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.rig import Rig
@@ -45,31 +45,31 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     independent witnesses. Sensors that could see it and don't have a factor on its odds.
     """
 
-    camera_share: float = bounded(0.25, 0, 1)
+    camera_share: float = in_range(0.25, 0, 1)
     """Of cameras, boxes down to this share of their `min_score` are used where LiDAR or radar confirm them [0 to 1]."""
-    min_similarity: float = bounded(0.25, 0, 1)
+    min_similarity: float = in_range(0.25, 0, 1)
     """Least overlap times agreement in depth of two boxes that show one object [0 to 1]."""
-    prior: float = bounded(0.3, 0, 1)
+    prior: float = in_range(0.3, 0, 1)
     """How likely an object is before any sensor looks [0 to 1]; the lower, the more it means that two agree."""
-    lidar_weight: float = bounded(0.75, 0, 1)
+    lidar_weight: float = in_range(0.75, 0, 1)
     """Probability of what looks fully like a vehicle to LiDAR, by itself [0 to 1]."""
-    radar_weight: float = bounded(0.7, 0, 1)  # The same for radar.
-    points_factor: float = bounded(1.6, 1, 1000)
+    radar_weight: float = in_range(0.7, 0, 1)  # The same for radar.
+    points_factor: float = in_range(1.6, 1, 1000)
     """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
     object themselves; nearer to 1 for few."""
-    measured_share: float = bounded(0.2, 0, 1)
+    measured_share: float = in_range(0.2, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
-    weak_measured_share: float = bounded(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
-    unseen_by_camera: float = bounded(0.1, 0, 1)
+    weak_measured_share: float = in_range(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
+    unseen_by_camera: float = in_range(0.1, 0, 1)
     """Factor on the odds of an object that a working camera ought to see and doesn't, where cameras see everything
     that LiDAR and radar see; nearer to 1 the less they saw of that lately, as by night."""
-    camera_size_px: float = bounded(40.0, 0.1, 1e5)
+    camera_size_px: float = in_range(40.0, 0.1, 1e5)
     """Of objects whose box has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this)."""
-    unseen_by_rays: float = bounded(0.25, 0, 1)
+    unseen_by_rays: float = in_range(0.25, 0, 1)
     """The same for LiDAR and radar, where their rays go on behind the object."""
-    through: float = bounded(0.6, 0, 1)
+    through: float = in_range(0.6, 0, 1)
     """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
-    min_score: float = bounded(0.5, 0, 1)  # Objects that are less likely are dropped.
+    min_score: float = in_range(0.5, 0, 1)  # Objects that are less likely are dropped.
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from fbench.pipelines.fusion.sizes import LOW_TRUCK_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import center_offsets
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import CameraModel, Rig
@@ -33,24 +33,24 @@ class AssociationParams(CheckedParams, prefix="fusion.association"):
     have nothing to do with each other, of which there is one in so many square meters.
     """
 
-    lidar_area_m2: float = bounded(100.0, 0.01, 1e6)
+    lidar_area_m2: float = in_range(100.0, 0.01, 1e6)
     """Area [m²] in which one cluster of LiDAR points that is no part of the object is expected."""
-    radar_area_m2: float = bounded(2000.0, 0.01, 1e6)  # The same for a cluster of radar echoes.
-    camera_area_m2: float = bounded(500.0, 0.01, 1e6)  # The same for what another camera sees.
-    edge_std_px: float = bounded(1.5, 0, 1000)  # Error of the edges of a camera's box [px].
-    tilt_std_rad: float = bounded(0.004, 1e-6, 1)
+    radar_area_m2: float = in_range(2000.0, 0.01, 1e6)  # The same for a cluster of radar echoes.
+    camera_area_m2: float = in_range(500.0, 0.01, 1e6)  # The same for what another camera sees.
+    edge_std_px: float = in_range(1.5, 0, 1000)  # Error of the edges of a camera's box [px].
+    tilt_std_rad: float = in_range(0.004, 1e-6, 1)
     """Error of the ground's tilt against the camera [rad], for distances from the lower edge of a camera's box."""
-    min_range_std: float = bounded(0.09, 0.001, 10)  # Least relative error of distances guessed from the image.
-    bearing_std_rad: float = bounded(0.01, 1e-4, 1)
+    min_range_std: float = in_range(0.09, 0.001, 10)  # Least relative error of distances guessed from the image.
+    bearing_std_rad: float = in_range(0.01, 1e-4, 1)
     """Error of a camera box's direction [rad], beside a share of its width."""
-    lidar_std_m: float = bounded(0.4, 0.01, 100)  # Error of the near side of an object by LiDAR [m].
-    radar_std_m: float = bounded(0.8, 0.01, 100)
+    lidar_std_m: float = in_range(0.4, 0.01, 100)  # Error of the near side of an object by LiDAR [m].
+    radar_std_m: float = in_range(0.8, 0.01, 100)
     """Error of the near side of a moving object by radar, along the line of sight [m]."""
-    radar_bearing_std_rad: float = bounded(0.03, 1e-4, 1)  # Error of a radar cluster's direction [rad].
-    standing_std_m: float = bounded(1.5, 0.01, 100)  # Error of the distance of stationary objects by radar [m].
-    bearing_margin_px: float = bounded(30.0, 0, 10_000)
+    radar_bearing_std_rad: float = in_range(0.03, 1e-4, 1)  # Error of a radar cluster's direction [rad].
+    standing_std_m: float = in_range(1.5, 0.01, 100)  # Error of the distance of stationary objects by radar [m].
+    bearing_margin_px: float = in_range(30.0, 0, 10_000)
     """Echoes this far beside a camera's box [px] may belong to it: radar is poor at angles."""
-    least_inside: float = bounded(0.6, 0, 1)
+    least_inside: float = in_range(0.6, 0, 1)
     """A LiDAR cluster of which less than this share lies in a camera's box, and that doesn't look like a vehicle, is
     cut: what is inside may belong to what the camera sees, and the rest to others."""
 

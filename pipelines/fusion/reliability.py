@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source
 
@@ -53,13 +53,13 @@ class AgreementParams(CheckedParams, prefix="fusion.agreement"):
     doesn't see may be there all the same. Shares are kept apart for near and far objects.
     """
 
-    camera: float = bounded(0.8, 0, 1)
+    camera: float = in_range(0.8, 0, 1)
     """Share of the objects in view that a camera is expected to see before anything is known."""
-    lidar: float = bounded(0.9, 0, 1)  # The same of LiDAR.
-    radar: float = bounded(0.4, 0, 1)  # The same of radar, which sees what moves.
-    weight: float = bounded(4.0, 0.01, 1e6)  # So many objects make what was seen weigh as much as the expectation.
-    frames: float = bounded(30.0, 0.1, 1e6)  # After so many frames what was seen counts 1/e.
-    band_m: float = bounded(15.0, 0.1, 1000)  # Width of the bands of distance [m]; the fourth has no end.
+    lidar: float = in_range(0.9, 0, 1)  # The same of LiDAR.
+    radar: float = in_range(0.4, 0, 1)  # The same of radar, which sees what moves.
+    weight: float = in_range(4.0, 0.01, 1e6)  # So many objects make what was seen weigh as much as the expectation.
+    frames: float = in_range(30.0, 0.1, 1e6)  # After so many frames what was seen counts 1/e.
+    band_m: float = in_range(15.0, 0.1, 1000)  # Width of the bands of distance [m]; the fourth has no end.
 
 
 class SensorReliability:

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError, LogError
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.contracts.protocols import BoxReader
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
@@ -179,9 +179,9 @@ class ResultParams(CheckedParams):
 
     topic: str = ""
     """Topic with the results; empty: the file that was named beside the log, else the only topic with results."""
-    tolerance_ms: float = bounded(50.0, 0)
+    tolerance_ms: float = in_range(50.0, 0)
     """A result belongs to the nearest frame whose stamp differs by no more than this [ms]."""
-    offset_ms: float = bounded(0.0, -1e6)  # What the results' stamps are ahead of those of their frames [ms].
+    offset_ms: float = in_range(0.0, -1e6)  # What the results' stamps are ahead of those of their frames [ms].
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.trackers import Tracker2D
 from fbench.replay.contracts.errors import ConfigError, LogError
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.frames import Fault, Frame
@@ -23,7 +23,7 @@ class Camera2DParams(CheckedParams):
 
     camera: CameraParams = field(default_factory=CameraParams)  # The detector.
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
-    detect_every: int = bounded(1, 1)
+    detect_every: int = in_range(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""

@@ -22,7 +22,7 @@ from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoSta
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.trackers import B, Tracker, Tracker2D, Tracker3D
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Fault, Frame
@@ -40,7 +40,7 @@ class AllSensorsParams(CheckedParams):
     """
     lidar: LidarParams = field(default_factory=LidarParams)  # Detection by LiDAR.
     radar: RadarParams = field(default_factory=RadarParams)  # Detection by radar.
-    detect_every: int = bounded(1, 1)
+    detect_every: int = in_range(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one sensor, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`. Cameras may differ

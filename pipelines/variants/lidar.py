@@ -9,7 +9,7 @@ from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
 from fbench.replay.data.frames import Frame
@@ -21,8 +21,8 @@ class LidarAloneParams(CheckedParams):
     """What pipelines of LiDARs alone share."""
 
     lidar: LidarParams = field(default_factory=LidarParams)  # Detection.
-    min_score: float = bounded(0.5, 0, 1)  # Clusters with a lower score are dropped.
-    detect_every: int = bounded(1, 1)
+    min_score: float = in_range(0.5, 0, 1)  # Clusters with a lower score are dropped.
+    detect_every: int = in_range(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one LiDAR, by its name: `--set top.min_range_m=1` goes before `lidar.min_range_m`; so does max_range_m. What
@@ -36,7 +36,7 @@ class Lidar2DParams(LidarAloneParams):
 
     lidar: LidarParams = field(default_factory=whole_vehicles)
     """Points and ground; of `lidar.cluster` only max_height_m counts here."""
-    min_score: float = bounded(0.4, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
+    min_score: float = in_range(0.4, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
     lidar_image: LidarImageParams = field(default_factory=LidarImageParams)  # Detection in images.
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 

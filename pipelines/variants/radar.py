@@ -9,7 +9,7 @@ from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
 from fbench.replay.data.frames import Frame
@@ -21,8 +21,8 @@ class RadarAloneParams(CheckedParams):
     """What pipelines of radars alone share."""
 
     radar: RadarParams = field(default_factory=RadarParams)  # Detection.
-    min_score: float = bounded(0.65, 0, 1)  # Clusters with a lower score are dropped.
-    detect_every: int = bounded(1, 1)
+    min_score: float = in_range(0.65, 0, 1)  # Clusters with a lower score are dropped.
+    detect_every: int = in_range(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one radar, by its name: `--set rear.max_range_m=40` goes before `radar.max_range_m`; so do min_magnitude_db
@@ -36,7 +36,7 @@ class Radar2DParams(RadarAloneParams):
 
     radar: RadarParams = field(default_factory=far_radar)
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
-    min_score: float = bounded(0.4, 0, 1)  # Clusters with a lower score are dropped.
+    min_score: float = in_range(0.4, 0, 1)  # Clusters with a lower score are dropped.
     radar_image: RadarImageParams = field(default_factory=RadarImageParams)  # Detection in images.
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 

@@ -6,7 +6,7 @@ from fbench.pipelines.sensors.recorded import RecordedBoxes, ResultParams
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import DetectionInterval, predict_output
 from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
-from fbench.replay.contracts.params import StageClock, bounded
+from fbench.replay.contracts.params import StageClock, in_range
 from fbench.replay.data.boxes import Boxes, Boxes2D
 from fbench.replay.data.frames import Frame, Output
 
@@ -40,7 +40,7 @@ _TRACKING = Tracker3DParams(association="giou", max_missed=3, predicted_share=0.
 class TrackParams(ResultParams):
     """Parameters of `track`."""
 
-    detect_every: int = bounded(1, 1)
+    detect_every: int = in_range(1, 1)
     """Detections count on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     tracking: Tracker3DParams = _TRACKING
     """The tracker where detections are in 3D."""

@@ -7,7 +7,7 @@ from fbench.pipelines.sensors.stereo.stage import NOISE, ObjectParams, StereoPar
 from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.trackers import Tracker3D
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
@@ -19,9 +19,9 @@ class Stereo3DParams(CheckedParams):
 
     stereo: StereoParams = field(default_factory=StereoParams)  # Which cameras, and how they give depth.
     objects: ObjectParams = field(default_factory=ObjectParams)  # What becomes of the points.
-    min_score: float = bounded(0.5, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
+    min_score: float = in_range(0.5, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
-    detect_every: int = bounded(1, 1)
+    detect_every: int = in_range(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
 
 

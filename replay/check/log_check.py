@@ -12,7 +12,7 @@ from fbench.replay.contracts.errors import DecodeError, LogError
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.sensor_settings import choose_sensors
-from fbench.replay.data.images import LAYOUTS, decode, encoded_size
+from fbench.replay.data.images import LAYOUTS, decode, read_size
 from fbench.replay.data.messages import BOXES, Image, Message
 from fbench.replay.data.metadata import GAPS, MEANT
 from fbench.replay.data.rig import LogInfo, RigChange
@@ -39,7 +39,7 @@ def _find_damage(image: Image, decode_images: bool) -> str:
             return f"{len(image.data)} bytes, but {width}x{height} px need {wanted}"
     else:
         try:
-            encoded = encoded_size(image.data)
+            encoded = read_size(image.data)
         except DecodeError as error:
             return str(error)
         if encoded != image.size_wh:

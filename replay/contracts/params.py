@@ -25,7 +25,7 @@ def require_between(name: str, value: float, low: float, high: float = LIMIT) ->
 
 @dataclass(frozen=True)
 class CheckedParams:
-    """Parameters with ranges: see `bounded`. A subclass names what precedes its fields, such as `prefix="fusion"`.
+    """Parameters with ranges: see `in_range`. A subclass names what precedes its fields, such as `prefix="fusion"`.
     Raises ConfigError where a value is out of range: see `require_between`.
     """
 
@@ -44,7 +44,7 @@ class CheckedParams:
 T = TypeVar("T", int, float, None)
 
 
-def bounded(default: T, low: float, high: float = LIMIT) -> T:
+def in_range(default: T, low: float, high: float = LIMIT) -> T:
     """Field of `CheckedParams` whose values lie in [low, high]; `None`, where its type allows that, is always fine."""
     return field(default=default, metadata={"range": (low, high)})
 

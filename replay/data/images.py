@@ -133,7 +133,7 @@ def _decode_compressed(image: Image, *, is_grey: bool) -> Pixels | None:
 
     wanted = cv2.IMREAD_GRAYSCALE if is_grey else cv2.IMREAD_COLOR
     try:
-        if encoded_size(image.data) != image.size_wh:
+        if read_size(image.data) != image.size_wh:
             return None
         pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), wanted | cv2.IMREAD_IGNORE_ORIENTATION)
     except (DecodeError, cv2.error):
@@ -162,7 +162,7 @@ def scale_down(pixels: Pixels, max_width: int) -> Pixels:
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def encoded_format(data: bytes | memoryview) -> str:
+def sniff_format(data: bytes | memoryview) -> str:
     """Return `jpeg`, `png` or `webp` as the first bytes say. Raises DecodeError where an image is none of them."""
     head = bytes(data[:12])
     if head.startswith(b"\x89PNG\r\n\x1a\n"):
@@ -174,9 +174,9 @@ def encoded_format(data: bytes | memoryview) -> str:
     raise DecodeError("neither a JPEG nor a PNG nor a WebP image")
 
 
-def encoded_size(data: bytes) -> tuple[int, int]:
+def read_size(data: bytes) -> tuple[int, int]:
     """Width and height [px] as the header says. Raises DecodeError for other formats, or where it is damaged."""
-    return _SIZES[encoded_format(data)](data)
+    return _SIZES[sniff_format(data)](data)
 
 
 def _png_size(data: bytes) -> tuple[int, int]:

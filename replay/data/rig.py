@@ -80,7 +80,7 @@ class Rig:
             {name: camera for name, camera in self.cameras.items() if name not in sensors},
         )
 
-    def changed_since(self, old: "Rig") -> tuple[str, ...]:
+    def list_changes(self, old: "Rig") -> tuple[str, ...]:
         """Names of the sensors whose mount or camera model isn't the same as in `old`, bit for bit; sorted."""
 
         def same(a: T | None, b: T | None) -> bool:

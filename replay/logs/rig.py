@@ -221,6 +221,6 @@ class RigChanges:
             self._is_new = False
             with suppress(LogError):  # what was broken in the middle of a log doesn't end it: the old rig stays
                 rig = self._state.rig()
-        if rig is not None and self._rig is not None and (sensors := rig.changed_since(self._rig)):
+        if rig is not None and self._rig is not None and (sensors := rig.list_changes(self._rig)):
             self._rig = rig
             yield RigChange(log_ns, rig, sensors)

@@ -137,12 +137,12 @@ class Spread(Generic[T]):
             self._kept, self._stride = self._kept[::2], self._stride * 2
 
     @property
-    def kept(self) -> Sequence[T]:
+    def items(self) -> Sequence[T]:
         """All that is kept."""
         return self._kept
 
     @property
-    def chosen(self) -> Sequence[T]:
+    def subset(self) -> Sequence[T]:
         """At most `num` of what is kept, from the first to the last one, evenly spread."""
         last = len(self._kept) - 1
         if last < self._num:
@@ -189,7 +189,7 @@ def collect(
             missing.setdefault(sensor, Counter())[reason] += 1
         progress(num_frames)
     stream.require_frames(reader.info.name)
-    wanted = {sample.frame.index for sample in kept.chosen}
+    wanted = {sample.frame.index for sample in kept.subset}
     truths: dict[int, Truth] = {}
     num_labeled = 0
     for index, truth in stream.labels(log):
@@ -201,11 +201,11 @@ def collect(
     every = metadata.get("radar.velocity_period_mps", "")
     radars = sorted(name for name, kind in partial.kinds.items() if kind == "radar")
     periods = {name: positive(metadata.get(f"radar.{name}.velocity_period_mps", every)) for name in radars}
-    drawn = {s.frame.index: replace(s, truth=truths.get(s.frame.index)) for s in kept.chosen}
+    drawn = {s.frame.index: replace(s, truth=truths.get(s.frame.index)) for s in kept.subset}
     return Material(
         reader.info, partial.kinds, partial.rig, partial.problems, stream.reference,
-        list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.kept], num_frames, num_labeled, instants.kept,
-        {name: arrivals.kept for name, arrivals in sorted(log.arrivals.items())}, dict(sorted(log.counts.items())),
+        list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.items], num_frames, num_labeled, instants.items,
+        {name: arrivals.items for name, arrivals in sorted(log.arrivals.items())}, dict(sorted(log.counts.items())),
         {name: dict(sorted(why.items())) for name, why in sorted(missing.items())},
         {name: period for name, period in periods.items() if period},
     )  # fmt: skip

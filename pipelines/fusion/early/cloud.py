@@ -12,7 +12,7 @@ from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.radar import Compensated
 from fbench.pipelines.sensors.rows import Rows
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoStage
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Array, Bool, Float64
 from fbench.replay.data.boxes import Source
@@ -48,9 +48,9 @@ class DepthView:
 class EchoParams(CheckedParams, prefix="fusion.echoes"):
     """Which standing radar echoes join the cloud."""
 
-    least_height_m: float = bounded(0.3, -1000, 1000)
+    least_height_m: float = in_range(0.3, -1000, 1000)
     """Standing echoes lower than this above the ground [m] are left out, where the ground is known."""
-    most_height_m: float = bounded(3.5, -1000, 1000)
+    most_height_m: float = in_range(3.5, -1000, 1000)
     """Standing echoes higher than this above the ground [m] are left out, where the ground is known."""
 
 

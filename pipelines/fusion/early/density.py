@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud
 from fbench.pipelines.sensors.points.grid import find_root
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
 from fbench.replay.geometry.kernels import kernel
@@ -111,22 +111,22 @@ class DensityParams(CheckedParams, prefix="fusion.density"):
     Standing echoes that no camera's box holds join clusters, but link nothing.
     """
 
-    lidar_points: float = bounded(3.0, 0.01, 1e6)  # So many LiDAR points alone make a core.
-    stereo_points: float = bounded(8.0, 0.01, 1e6)  # So many points of stereo alone make a core.
-    moving_echoes: float = bounded(3.0, 0.01, 1e6)  # So many moving radar echoes alone make a core.
-    standing_echoes: float = bounded(40.0, 0.01, 1e6)  # So many standing radar echoes alone make a core.
-    seen_factor: float = bounded(2.0, 0, 1000)  # Points that a camera's box is given count so many times.
-    reach_m: float = bounded(0.6, 0.01, 50)
+    lidar_points: float = in_range(3.0, 0.01, 1e6)  # So many LiDAR points alone make a core.
+    stereo_points: float = in_range(8.0, 0.01, 1e6)  # So many points of stereo alone make a core.
+    moving_echoes: float = in_range(3.0, 0.01, 1e6)  # So many moving radar echoes alone make a core.
+    standing_echoes: float = in_range(40.0, 0.01, 1e6)  # So many standing radar echoes alone make a core.
+    seen_factor: float = in_range(2.0, 0, 1000)  # Points that a camera's box is given count so many times.
+    reach_m: float = in_range(0.6, 0.01, 50)
     """Points of LiDAR and stereo nearer than this [m] to each other are neighbors."""
-    reach_rad: float = bounded(0.03, 0, 1)
+    reach_rad: float = in_range(0.03, 0, 1)
     """Beyond reach_m / this from the body's origin reaches grow with distance by this angle [rad], as the spacing of
     beams does."""
-    radar_reach_m: float = bounded(2.0, 0.01, 50)
+    radar_reach_m: float = in_range(2.0, 0.01, 50)
     """Largest reach of radar echoes [m]; it follows the spacing of moving echoes where that is less. Of two sensors
     the mean of both reaches counts."""
-    seconds: float = bounded(1.0, 0, 100)
+    seconds: float = in_range(1.0, 0, 100)
     """A difference in radial velocity of 1 m/s counts as a distance of this many meters [s]."""
-    cell_m: float = bounded(0.2, 0.05, 10)
+    cell_m: float = in_range(0.2, 0.05, 10)
     """Points in one cell of this edge [m] are taken together, moving echoes with others of about their velocity."""
 
     def weights(self, cloud: FusedCloud, is_seen: Bool) -> Float64:

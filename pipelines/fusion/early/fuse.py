@@ -14,7 +14,7 @@ from fbench.pipelines.fusion.observations import AT_MIN_SCORE, are_one
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.pipelines.sensors.rows import suppress
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 
@@ -27,29 +27,29 @@ class ExistenceParams(CheckedParams, prefix="fusion.existence"):
     LiDAR points has odds of its own, by the LiDAR's model.
     """
 
-    camera: float = bounded(1.3, -1000, 1000)
+    camera: float = in_range(1.3, -1000, 1000)
     """Of a box that has its detector's least score, and whose projected 3D box covers half of it."""
-    camera_score: float = bounded(1.4, -1000, 1000)
+    camera_score: float = in_range(1.4, -1000, 1000)
     """Times how far the logarithm of the odds of the box's score is above that of the least score."""
-    overlap: float = bounded(0.8, -1000, 1000)
+    overlap: float = in_range(0.8, -1000, 1000)
     """Times how far the IoU of the projected 3D box with the camera's is above 0.5."""
-    camera_shape: float = bounded(1.1, -1000, 1000)
+    camera_shape: float = in_range(1.1, -1000, 1000)
     """Times the logarithm of the odds by shape, where a camera's box holds the group."""
-    camera_shapeless: float = bounded(-1.6, -1000, 1000)
+    camera_shapeless: float = in_range(-1.6, -1000, 1000)
     """Of a group in a camera's box with too few points to have a shape."""
-    camera_points: float = bounded(0.2, -1000, 1000)
+    camera_points: float = in_range(0.2, -1000, 1000)
     """Times the logarithm of the number of points and moving echoes, where a camera's box holds the group."""
-    alone: float = bounded(0.3, -1000, 1000)  # Of a group that no camera's box holds, beside what its shape says.
-    shapeless: float = bounded(-2.3, -1000, 1000)
+    alone: float = in_range(0.3, -1000, 1000)  # Of a group that no camera's box holds, beside what its shape says.
+    shapeless: float = in_range(-2.3, -1000, 1000)
     """Of such a group with too few points to have a shape, instead of that."""
-    unconfirmed: float = bounded(-1.2, -1000, 1000)
+    unconfirmed: float = in_range(-1.2, -1000, 1000)
     """Of such a group where LiDAR or stereo deliver, and ought to have seen more."""
-    unseen: float = bounded(-1.8, -1000, 1000)
+    unseen: float = in_range(-1.8, -1000, 1000)
     """Of a group that a working camera looks at from near and doesn't report."""
-    unseen_px: float = bounded(80.0, 0.1, 1e5)  # Where a car looks n pixels high, 1 - exp(-n / this) of that counts.
-    moving: float = bounded(0.8, -1000, 1000)
+    unseen_px: float = in_range(80.0, 0.1, 1e5)  # Where a car looks n pixels high, 1 - exp(-n / this) of that counts.
+    moving: float = in_range(0.8, -1000, 1000)
     """Times the logarithm of the number of moving echoes, where no camera's box holds the group."""
-    most_odds: float = bounded(4.0, 0, 30)
+    most_odds: float = in_range(4.0, 0, 30)
     """Largest logarithm of odds, and the negative of the smallest, that a shape can have."""
 
 
@@ -57,19 +57,19 @@ class ExistenceParams(CheckedParams, prefix="fusion.existence"):
 class EarlyParams(CheckedParams, prefix="fusion"):
     """How one cloud becomes objects."""
 
-    camera_share: float = bounded(0.5, 0, 1)
+    camera_share: float = in_range(0.5, 0, 1)
     """Boxes down to this share of a camera's `min_score` [0 to 1] count where the shape of their points confirms
     them."""
     echoes: EchoParams = field(default_factory=EchoParams)  # Which standing radar echoes join the cloud.
     semantics: SemanticsParams = field(default_factory=SemanticsParams)  # How points take the labels of camera boxes.
     density: DensityParams = field(default_factory=DensityParams)  # How points are clustered.
     existence: ExistenceParams = field(default_factory=ExistenceParams)  # How sure it is that clusters are road users.
-    fit_points: float = bounded(4.0, 1, 1e6)  # From so many points of LiDAR and stereo on their shape gives the box.
-    most_extent_m: float = bounded(20.0, 0.1, 1000)
+    fit_points: float = in_range(4.0, 1, 1e6)  # From so many points of LiDAR and stereo on their shape gives the box.
+    most_extent_m: float = in_range(20.0, 0.1, 1000)
     """Clusters wider than this along x or y [m] that no camera sees are walls."""
-    merge_m: float = bounded(2.0, 0, 100)
+    merge_m: float = in_range(2.0, 0, 100)
     """Of objects with centers nearer than this [m], or the center of one in the other, the surest stays."""
-    min_score: float = bounded(0.5, 0, 1)  # Objects with a lower score are dropped.
+    min_score: float = in_range(0.5, 0, 1)  # Objects with a lower score are dropped.
 
 
 def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:

@@ -10,7 +10,7 @@ from fbench.pipelines.fusion.observations import AssociationParams, CameraObserv
 from fbench.pipelines.fusion.sizes import SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.rig import Rig
@@ -21,17 +21,19 @@ from fbench.replay.geometry.camera import in_image, project_body
 class SemanticsParams(CheckedParams, prefix="fusion.semantics"):
     """How points take the labels of camera boxes."""
 
-    inset: float = bounded(0.03, 0, 0.5)
+    inset: float = in_range(0.03, 0, 0.5)
     """This share of a box's width [0 to 0.5] is left out at each side, where its outline is loose."""
-    margin_px: float = bounded(5.0, 0, 10_000)  # Points may lie this far above and below a box [px].
-    radar_rad: float = bounded(0.01, 0, 1)  # Error of a radar's azimuths [rad]: its echoes may lie so far beside a box.
-    gate: float = bounded(2.5, 0.1, 100)
+    margin_px: float = in_range(5.0, 0, 10_000)  # Points may lie this far above and below a box [px].
+    radar_rad: float = in_range(
+        0.01, 0, 1
+    )  # Error of a radar's azimuths [rad]: its echoes may lie so far beside a box.
+    gate: float = in_range(2.5, 0.1, 100)
     """Largest difference between a point's distance and that guessed from the image, in standard deviations."""
-    depth_margin_m: float = bounded(0.7, 0, 100)
+    depth_margin_m: float = in_range(0.7, 0, 100)
     """An object reaches this much farther from its near side [m] than its typical size says."""
-    echo_share: float = bounded(0.3, 0, 1000)
+    echo_share: float = in_range(0.3, 0, 1000)
     """A standing radar echo counts as so much of a LiDAR point when the depth of an object is looked for."""
-    least: float = bounded(1.5, 0, 1e6)
+    least: float = in_range(1.5, 0, 1e6)
     """So many points, weighted by how likely their depth is, are needed to see an object."""
 
 

@@ -12,7 +12,7 @@ from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Cand
 from fbench.pipelines.sensors.camera.model import Batch, Model
 from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.errors import ConfigError, ModelError
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded, require_between
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range, require_between
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.arrays import Float64, Text, freeze_fields
@@ -118,22 +118,22 @@ class CameraParams(CheckedParams, prefix="camera"):
     """An ONNX file, or a name of `fbench weights list`; `auto` is fbench's own on simulated logs, and on others none;
     with `none` the camera isn't used.
     """
-    min_score: float | None = bounded(None, 0, 1)
+    min_score: float | None = in_range(None, 0, 1)
     """Boxes with a lower score are dropped. Unless set, this and the next two are what the weights' metadata say under
     these names, else 0.6, 0.5 and 0.9.
     """
-    nms_iou: float | None = bounded(None, 0, 1)
+    nms_iou: float | None = in_range(None, 0, 1)
     """Of two boxes of one group that overlap more than this, the one with the higher score stays."""
-    nms_containment: float | None = bounded(None, 0, 1)
+    nms_containment: float | None = in_range(None, 0, 1)
     """The same for a box of which more than this share lies inside the other."""
     tiles: bool = True
     """Look also at overlapping windows of very wide or tall images, since far objects vanish when these are shrunk."""
-    tile_aspect: float = bounded(2.0, 1)
+    tile_aspect: float = in_range(2.0, 1)
     """Longer by shorter side of such a window; images up to this aspect are looked at as a whole only."""
-    tile_overlap: float = bounded(0.1, 0, 0.9)  # Least share of a window by which neighbors overlap.
+    tile_overlap: float = in_range(0.1, 0, 0.9)  # Least share of a window by which neighbors overlap.
     input_wh: tuple[int, int] | None = None
     """Width and height of the model's input [px], for models that leave it free."""
-    threads: int = bounded(2, 1)
+    threads: int = in_range(2, 1)
     """Threads of onnxruntime at most, and no more than there are processors; results are the same for any number."""
 
     def __post_init__(self) -> None:

@@ -9,7 +9,7 @@ from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.radar.radar import RadarParams
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import CheckedParams, bounded, require_between
+from fbench.replay.contracts.params import CheckedParams, in_range, require_between
 from fbench.replay.data.arrays import Float64, Int64
 
 
@@ -18,10 +18,10 @@ class ImageClusterParams(CheckedParams, prefix="cluster"):
     """Clustering of projected points, over u, v and depth."""
 
     method: str = "dbscan"  # DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics.
-    eps_px: float = bounded(20.0, 0.01, 1e4)  # Radius [px].
-    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    eps_px: float = in_range(20.0, 0.01, 1e4)  # Radius [px].
+    min_points: int = in_range(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
     with_depth: bool = True  # Whether depth counts; if not, points are grouped by their place in the image alone.
-    depth_px_per_m: float = bounded(15.0, 0, 1e4)
+    depth_px_per_m: float = in_range(15.0, 0, 1e4)
     """A difference in depth of 1 m counts as a distance of this many pixels [px/m]."""
 
     def __post_init__(self) -> None:
@@ -49,7 +49,7 @@ class ShapeParams(CheckedParams, prefix="shape"):
     top_m: tuple[float, float] = (3.8, 4.6)  # Height of the highest point [m].
     least_top_m: tuple[float, float] = (1.0, 0.85)
     """The same, where it is too low: guard rails and kerbs. It counts for what is narrower than `thin_m` only."""
-    thin_m: float = bounded(0.4, 0, 100)  # Shorter edge [m] below which something may be a rail or a wall.
+    thin_m: float = in_range(0.4, 0, 100)  # Shorter edge [m] below which something may be a rail or a wall.
     least_extent_m: tuple[float, float] = (1.3, 0.8)  # Longer edge [m].
     most_length_m: tuple[float, float] = (9.0, 14.0)  # Longer edge [m].
     most_width_m: tuple[float, float] = (2.8, 3.2)  # Shorter edge [m].
@@ -58,7 +58,7 @@ class ShapeParams(CheckedParams, prefix="shape"):
     num_points: tuple[float, float] = (8.0, 3.0)  # Number of points: a handful is too few to tell.
     num_over: tuple[float, float] = (0.0, 4.0)
     """Number of points above the height of vehicles: poles, walls and trees go on."""
-    still: float = bounded(1.0, 0, 1)  # Factor on the score of what isn't known to move [0 to 1].
+    still: float = in_range(1.0, 0, 1)  # Factor on the score of what isn't known to move [0 to 1].
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,7 +84,7 @@ class LidarImageParams(CheckedParams, prefix="lidar_image"):
 
     cluster: ImageClusterParams = _CLUSTERS  # How points are grouped.
     shape: ShapeParams = field(default_factory=ShapeParams)  # What a group must look like.
-    margin_px: float = bounded(3.0, 0, 1000)
+    margin_px: float = in_range(3.0, 0, 1000)
     """By so much outlines are wider than their points on each side [px]: half of the spacing of beams."""
 
 
@@ -95,13 +95,13 @@ class RadarImageParams(CheckedParams, prefix="radar_image"):
     cluster: ImageClusterParams = _CLUSTERS
     """How echoes are grouped; those that move apart from those that stand still."""
     ground: GroundParams = _RADAR_GROUND  # How the ground is found.
-    max_height_m: float = bounded(4.5, 0.1, 100)  # Echoes higher above the ground [m] are left out.
-    min_echoes: int = bounded(1000, 0, 1e9)
+    max_height_m: float = in_range(4.5, 0.1, 100)  # Echoes higher above the ground [m] are left out.
+    min_echoes: int = in_range(1000, 0, 1e9)
     """With fewer echoes in a frame nothing tells where the ground is, nor what shape things have: clusters are found
     as in `radar3d`, completed to vehicles and projected."""
     shape: ShapeParams = _RADAR_SHAPE
     """What a group must look like; of one that moves, only how large it is and of how many echoes."""
-    margin_px: float = bounded(2.5, 0, 1000)  # By so much outlines are wider than their echoes on each side [px].
+    margin_px: float = in_range(2.5, 0, 1000)  # By so much outlines are wider than their echoes on each side [px].
 
 
 def whole_vehicles() -> LidarParams:

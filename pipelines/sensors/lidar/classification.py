@@ -10,7 +10,7 @@ import numpy as np
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, center_offsets, complete, fade
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import CheckedParams, bounded, require_between
+from fbench.replay.contracts.params import CheckedParams, in_range, require_between
 from fbench.replay.data.arrays import Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.kernels import kernel
@@ -177,7 +177,7 @@ class CarShapeParams(CheckedParams, prefix="lidar.shape"):
     num_points: tuple[float, float] = (10.0, 4.0)  # Number of points: a handful is too few to tell.
     num_over: tuple[float, float] = (0.0, 4.0)
     """Number of points above the height of cars: poles, walls and trees go on."""
-    margin_m: float = bounded(0.3, 0, 100)  # How far beside the rectangle points count as above it [m].
+    margin_m: float = in_range(0.3, 0, 100)  # How far beside the rectangle points count as above it [m].
 
     def __post_init__(self) -> None:
         super().__post_init__()

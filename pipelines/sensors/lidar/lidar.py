@@ -11,7 +11,7 @@ from fbench.pipelines.sensors.points.clustering import ClusterParams
 from fbench.pipelines.sensors.points.ground import GroundParams, Plane, find_ground
 from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, viewpoint
 from fbench.pipelines.sensors.points.vehicle import Footprints, OtherSizes, VehicleSize
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
@@ -25,7 +25,7 @@ class LidarClusterParams(ClusterParams, prefix="lidar.cluster"):
     """Clustering of what stands on the ground."""
 
     with_height: bool = False  # Whether heights count; if not, points are grouped as seen from above.
-    max_height_m: float = bounded(2.5, 0.1, 100)
+    max_height_m: float = in_range(2.5, 0.1, 100)
     """Points higher above the ground [m], such as trees over a street, are left out."""
 
 
@@ -37,13 +37,13 @@ OWN = ("min_range_m", "max_range_m")
 class LidarParams(CheckedParams, prefix="lidar"):
     """Parameters of detection by LiDAR."""
 
-    min_range_m: float = bounded(2.5, 0, 1000)  # Points nearer to the LiDAR [m] lie on the own vehicle.
-    max_range_m: float | None = bounded(None, 0.1, 10000)
+    min_range_m: float = in_range(2.5, 0, 1000)  # Points nearer to the LiDAR [m] lie on the own vehicle.
+    max_range_m: float | None = in_range(None, 0.1, 10000)
     """Points farther from the LiDAR [m] are left out; none: all are used."""
-    ego_front_m: float = bounded(4.0, 0, 1000)
+    ego_front_m: float = in_range(4.0, 0, 1000)
     """The own vehicle reaches this far ahead of the body's origin [m]: points in its outline lie on it."""
-    ego_rear_m: float = bounded(2.5, 0, 1000)  # The own vehicle reaches this far behind the body's origin [m].
-    ego_side_m: float = bounded(1.1, 0, 1000)
+    ego_rear_m: float = in_range(2.5, 0, 1000)  # The own vehicle reaches this far behind the body's origin [m].
+    ego_side_m: float = in_range(1.1, 0, 1000)
     """The own vehicle reaches this far to each side of the body's origin [m]; 0: no points are taken for its own."""
     deskew: bool = True
     """Where poses are known, points are moved to the frame's instant by their own times, unless the log says that

@@ -9,7 +9,7 @@ import numpy as np
 
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
-from fbench.replay.contracts.params import CheckedParams, bounded, require_between
+from fbench.replay.contracts.params import CheckedParams, in_range, require_between
 from fbench.replay.data.arrays import Array, Float64, Int64
 
 _QUIET = Lock()
@@ -113,8 +113,8 @@ class ClusterParams(CheckedParams):
 
     method: str = "dbscan"
     """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
-    eps_m: float = bounded(0.6, 0.01, 100)  # Radius [m].
-    min_points: int = bounded(3, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    eps_m: float = in_range(0.6, 0.01, 100)  # Radius [m].
+    min_points: int = in_range(3, 1, 1e6)  # Points within the radius that make a core point, itself included.
     adaptive_from_m: float | None = 25.0
     """Beyond this distance from the body's origin [m] the radius of DBSCAN grows in proportion to it, as the spacing of
     beams does; none: it is the same everywhere."""

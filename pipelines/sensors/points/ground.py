@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
@@ -92,12 +92,12 @@ class GroundParams(CheckedParams, prefix="lidar.ground"):
     of cells and range bound the size of the grid.
     """
 
-    cell_m: float = bounded(2.0, 0.5, 100)  # Edge of the cells [m] whose lowest points stand for the ground.
-    outliers: float = bounded(0.05, 0, 0.5)  # Share of a cell's points that may lie below the ground.
-    range_m: float = bounded(60.0, 1, 500)  # Farthest points [m] that take part.
-    max_tilt: float = bounded(0.16, 0, 1)  # Steepest plane [m/m], by tilt of the sensors or of the road.
-    max_slope: float = bounded(0.06, 0, 1)  # Steepest deviation from the plane [m/m].
-    tolerance_m: float = bounded(0.2, 0, 10)  # Height [m] below which a point belongs to the ground.
+    cell_m: float = in_range(2.0, 0.5, 100)  # Edge of the cells [m] whose lowest points stand for the ground.
+    outliers: float = in_range(0.05, 0, 0.5)  # Share of a cell's points that may lie below the ground.
+    range_m: float = in_range(60.0, 1, 500)  # Farthest points [m] that take part.
+    max_tilt: float = in_range(0.16, 0, 1)  # Steepest plane [m/m], by tilt of the sensors or of the road.
+    max_slope: float = in_range(0.06, 0, 1)  # Steepest deviation from the plane [m/m].
+    tolerance_m: float = in_range(0.2, 0, 10)  # Height [m] below which a point belongs to the ground.
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.params import CheckedParams, bounded, require_between
+from fbench.replay.contracts.params import CheckedParams, in_range, require_between
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.geometry.kernels import kernel
@@ -65,12 +65,12 @@ class DopplerParams(CheckedParams, prefix="radar.doppler"):
     """Velocities alias with this period [m/s]; 0: unambiguous; none: as the log's metadata say, else unambiguous."""
     ego_motion: Literal["included", "removed"] | None = None
     """Whether velocities hold the vehicle's own motion; none: as the log's metadata say, else they do."""
-    max_reverse_mps: float = bounded(5.0, 0, 200)  # Fastest backwards [m/s].
-    max_forward_mps: float = bounded(45.0, 0.4, 200)  # Fastest forwards [m/s].
-    max_sideways_mps: float = bounded(1.6, 0, 200)  # Fastest sideways [m/s], as at the front of a turning vehicle.
-    band_mps: float = bounded(0.3, 0.01, 100)
+    max_reverse_mps: float = in_range(5.0, 0, 200)  # Fastest backwards [m/s].
+    max_forward_mps: float = in_range(45.0, 0.4, 200)  # Fastest forwards [m/s].
+    max_sideways_mps: float = in_range(1.6, 0, 200)  # Fastest sideways [m/s], as at the front of a turning vehicle.
+    band_mps: float = in_range(0.3, 0.01, 100)
     """Echoes whose velocity differs by less [m/s] from that of stationary ones count as stationary in the fit."""
-    min_echoes: int = bounded(10, 3, 1e6)  # With fewer echoes the radar counts as standing.
+    min_echoes: int = in_range(10, 3, 1e6)  # With fewer echoes the radar counts as standing.
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -169,12 +169,12 @@ def own_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
 class UnmeasuredParams(CheckedParams, prefix="radar.unmeasured"):
     """What echoes without velocity must be like, since standing things can't be told from moving ones by it."""
 
-    strongest: float = bounded(0.25, 0, 1)
+    strongest: float = in_range(0.25, 0, 1)
     """Share of the echoes of one scan [0 to 1], the strongest, that is clustered; those of unknown magnitude are."""
-    least_kept: int = bounded(200, 0, 1e6)
+    least_kept: int = in_range(200, 0, 1e6)
     """So many of a scan's strongest echoes are clustered at least: sparse scans hold little that is weak."""
-    max_length_m: float = bounded(15.0, 0.1, 1000)  # Longer clusters [m] are walls and hedges.
-    max_width_m: float = bounded(4.5, 0.1, 1000)  # Wider clusters [m] are buildings and trees.
+    max_length_m: float = in_range(15.0, 0.1, 1000)  # Longer clusters [m] are walls and hedges.
+    max_width_m: float = in_range(4.5, 0.1, 1000)  # Wider clusters [m] are buildings and trees.
 
 
 def strong(magnitude_db: Float64, params: UnmeasuredParams) -> Bool:

@@ -12,7 +12,7 @@ from fbench.pipelines.sensors.points.merged import Echoes, radar_scans
 from fbench.pipelines.sensors.points.vehicle import VehicleSize
 from fbench.pipelines.sensors.radar import doppler
 from fbench.pipelines.sensors.radar.doppler import DopplerParams, UnmeasuredParams
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
@@ -29,12 +29,12 @@ _SPREADING_FROM_M = 20.0  # See `RadarParams.full_score_within_m`; chosen on dev
 class RadarClusterParams(ClusterParams, prefix="radar.cluster"):
     """Clustering of moving echoes, over x, y and velocity."""
 
-    eps_m: float = bounded(2.0, 0.01, 100)  # Radius [m].
-    min_points: int = bounded(5, 1, 1e6)  # Echoes within the radius that make a core point, itself included.
+    eps_m: float = in_range(2.0, 0.01, 100)  # Radius [m].
+    min_points: int = in_range(5, 1, 1e6)  # Echoes within the radius that make a core point, itself included.
     adaptive_from_m: float | None = None
     """Beyond this distance from the body's origin [m] the radius grows in proportion to it; none: it is the same
     everywhere."""
-    seconds: float = bounded(1.0, 0, 100)
+    seconds: float = in_range(1.0, 0, 100)
     """A difference in radial velocity of 1 m/s counts as a distance of this many meters [s]."""
 
 
@@ -46,18 +46,18 @@ OWN = ("max_range_m", "min_magnitude_db", "doppler")
 class RadarParams(CheckedParams, prefix="radar"):
     """Parameters of detection by radar."""
 
-    max_range_m: float = bounded(60.0, 1, 1000)  # Farthest echoes [m] that are used.
-    min_magnitude_db: float = bounded(-math.inf, -math.inf, 1e6)
+    max_range_m: float = in_range(60.0, 1, 1000)  # Farthest echoes [m] that are used.
+    min_magnitude_db: float = in_range(-math.inf, -math.inf, 1e6)
     """Weaker echoes [dB or dBsm, as the sensor gives it] are left out; those of unknown magnitude stay."""
-    min_speed_mps: float = bounded(0.3, 0, 100)
+    min_speed_mps: float = in_range(0.3, 0, 100)
     """Slower echoes [m/s over ground] count as stationary: radar3d finds moving objects only."""
     doppler: DopplerParams = field(default_factory=DopplerParams)  # How the ego motion is taken out of the velocities.
     cluster: RadarClusterParams = field(default_factory=RadarClusterParams)  # How echoes are grouped.
     unmeasured: UnmeasuredParams = field(default_factory=UnmeasuredParams)
     """What echoes of radars without Doppler must be like."""
     size: VehicleSize = field(default_factory=VehicleSize)  # What clusters are completed to.
-    full_score_echoes: float = bounded(20.0, 0.1, 1e6)  # A cluster of n echoes scores 1 - exp(-n / this).
-    full_score_within_m: float | None = bounded(None, 1, 10_000)
+    full_score_echoes: float = in_range(20.0, 0.1, 1e6)  # A cluster of n echoes scores 1 - exp(-n / this).
+    full_score_within_m: float | None = in_range(None, 1, 10_000)
     """Farther away [m] each echo counts as the square of the distance over this, as rays spread; none: 20 m in
     simulated logs, whose radars spread rays evenly, else an echo counts the same at any distance."""
 

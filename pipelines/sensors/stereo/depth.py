@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
-from fbench.replay.contracts.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Float32, Float64, Int64
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.rig import CameraModel, Rig
@@ -156,11 +156,11 @@ class DepthParams(CheckedParams, prefix="stereo.depth"):
     depth as its error does, so that each holds about as much noise: dZ = Z^2 / (f B) dd.
     """
 
-    max_range_m: float = bounded(40.0, 1, 500)  # Farther depths [m] are left out, the sky with them.
-    cell_px: int = bounded(4, 1, 100)  # Columns of a cell [px] of the shrunk image.
-    cell_disparity_px: float = bounded(0.5, 0.05, 100)  # Its range of disparities [px].
-    cell_height_m: float = bounded(0.25, 0.05, 10)  # Its height [m].
-    min_pixels: int = bounded(8, 1, 10_000)  # Cells with fewer pixels are noise.
+    max_range_m: float = in_range(40.0, 1, 500)  # Farther depths [m] are left out, the sky with them.
+    cell_px: int = in_range(4, 1, 100)  # Columns of a cell [px] of the shrunk image.
+    cell_disparity_px: float = in_range(0.5, 0.05, 100)  # Its range of disparities [px].
+    cell_height_m: float = in_range(0.25, 0.05, 10)  # Its height [m].
+    min_pixels: int = in_range(8, 1, 10_000)  # Cells with fewer pixels are noise.
 
 
 def points(disparity: Float32, how: Rectifier, nearest_m: float, params: DepthParams) -> Float64:
@@ -185,21 +185,21 @@ _STEP = 16  # OpenCV searches a multiple of so many disparities, and gives them 
 class DisparityParams(CheckedParams, prefix="stereo.disparity"):
     """Semi-global block matching (Hirschmueller, PAMI 2008); all pixels are those of the shrunk images."""
 
-    shrink: int = bounded(2, 1, 8)
+    shrink: int = in_range(2, 1, 8)
     """Images are made smaller by this factor before they are matched: 2 is about four times as fast as 1, and depth is
     half as exact.
     """
-    nearest_m: float = bounded(3.0, 0.1, 100)
+    nearest_m: float = in_range(3.0, 0.1, 100)
     """Nearer things [m] aren't found: the disparities that are searched end at f B / nearest_m."""
-    max_disparity_px: int = bounded(192, 16, 1024)
+    max_disparity_px: int = in_range(192, 16, 1024)
     """No larger disparities [px] are searched, however near `nearest_m` is."""
-    block_px: int = bounded(5, 1, 31)  # Edge of the blocks that are compared [px], odd.
+    block_px: int = in_range(5, 1, 31)  # Edge of the blocks that are compared [px], odd.
     smoothness: tuple[int, int] = (8, 32)
     """Penalty on a step of one disparity, and on a larger one, in grey levels for each pixel of a block."""
-    uniqueness: int = bounded(10, 0, 100)  # By how much [%] the best match must be better than the second.
-    left_right_px: int = bounded(1, 0, 100)  # By how much [px] matching from the right image may differ.
-    speckle_px: int = bounded(60, 0, 10_000)  # Patches of like disparity with fewer pixels are dropped.
-    texture: float = bounded(1.0, 0, 255)
+    uniqueness: int = in_range(10, 0, 100)  # By how much [%] the best match must be better than the second.
+    left_right_px: int = in_range(1, 0, 100)  # By how much [px] matching from the right image may differ.
+    speckle_px: int = in_range(60, 0, 10_000)  # Patches of like disparity with fewer pixels are dropped.
+    texture: float = in_range(1.0, 0, 255)
     """Mean step between horizontal neighbors [grey levels] in a block twice as wide: flatter places, such as the sky,
     can't be matched.
     """
@@ -258,11 +258,11 @@ _QUALITY_HEIGHT_M = (0.3, 4.0)  # Cameras of vehicles are this high above the gr
 class QualityParams(CheckedParams, prefix="stereo.quality"):
     """When depth is taken for noise: in rain and by night images differ by more than their texture, fog takes it."""
 
-    min_share: float = bounded(0.62, 0, 1)
+    min_share: float = in_range(0.62, 0, 1)
     """Share of the pixels below the horizon that need a sure match [0 to 1]; with fewer, stereo is left out."""
-    texture: float = bounded(1.2, 0, 255)
+    texture: float = in_range(1.2, 0, 255)
     """Sure matches have at least this texture [grey levels], see `disparity.texture`."""
-    mismatch: float = bounded(0.8, 0, 1000)
+    mismatch: float = in_range(0.8, 0, 1000)
     """Mean difference of the matched pixels around them, as a multiple of the texture: at most this. Divided by the
     texture, a difference in brightness is about the error of disparity [px] that it causes.
     """

@@ -13,7 +13,7 @@ from fbench.pipelines.sensors.points.vehicle import VehicleSize, fade
 from fbench.pipelines.sensors.stereo import depth
 from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.images import Pixels, decode_grey
@@ -99,7 +99,7 @@ class StereoStage:
 class StereoGroundParams(GroundParams, prefix="objects.ground"):
     """How the ground is found in points of stereo."""
 
-    tolerance_m: float = bounded(0.3, 0, 10)
+    tolerance_m: float = in_range(0.3, 0, 10)
 
 
 @dataclass(frozen=True)
@@ -119,13 +119,13 @@ class StereoShapeParams(CarShapeParams, prefix="objects.shape"):
 class StereoClusterParams(CheckedParams, prefix="objects.cluster"):
     """DBSCAN on what stands on the ground, seen from above, with radii that grow with range r."""
 
-    eps_m: float = bounded(0.5, 0.01, 100)
+    eps_m: float = in_range(0.5, 0.01, 100)
     """Least radius along the line of sight [m]: it is eps_m + 2 r^2 / (f B) sigma_px."""
-    sigma_px: float = bounded(0.1, 0.001, 100)
+    sigma_px: float = in_range(0.1, 0.001, 100)
     """Error of disparity [px] of the shrunk image that is bridged; errors of neighbors are alike."""
-    eps_rad: float = bounded(0.04, 0.001, 3)  # Radius across the line of sight [rad]: 0.8 m at 20 m.
-    min_points: int = bounded(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
-    max_height_m: float = bounded(2.5, 0.1, 100)  # Points higher above the ground [m] are left out.
+    eps_rad: float = in_range(0.04, 0.001, 3)  # Radius across the line of sight [rad]: 0.8 m at 20 m.
+    min_points: int = in_range(5, 1, 1e6)  # Points within the radius that make a core point, itself included.
+    max_height_m: float = in_range(2.5, 0.1, 100)  # Points higher above the ground [m] are left out.
 
 
 @dataclass(frozen=True)

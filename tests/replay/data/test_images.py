@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.data.images import decode, decode_grey, encode_jpeg, encoded_size, scale_down
+from fbench.replay.data.images import decode, decode_grey, encode_jpeg, read_size, scale_down
 from fbench.replay.data.messages import Image
 
 PIXELS = np.random.Generator(np.random.Philox(1)).integers(0, 255, (6, 8, 3)).astype(np.uint8)
@@ -52,12 +52,12 @@ def test_bomb_is_refused_before_it_is_decoded():
 
 
 def test_encoded_size():
-    assert encoded_size(png()) == (8, 6)
-    assert encoded_size(encode_jpeg(PIXELS)) == (8, 6)
+    assert read_size(png()) == (8, 6)
+    assert read_size(encode_jpeg(PIXELS)) == (8, 6)
     with pytest.raises(DecodeError, match="neither"):
-        encoded_size(b"GIF89a")
+        read_size(b"GIF89a")
     with pytest.raises(DecodeError, match="without a frame header"):
-        encoded_size(b"\xff\xd8\xff\xd9")
+        read_size(b"\xff\xd8\xff\xd9")
 
 
 def test_resized_keeps_the_aspect_and_never_enlarges():

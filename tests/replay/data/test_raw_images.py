@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.data.images import LAYOUTS, decode, encoded_format, encoded_size, layout_name, pack_rows
+from fbench.replay.data.images import LAYOUTS, decode, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image
 
 RED = {"R": 200, "G": 20, "B": 10}
@@ -131,8 +131,8 @@ def test_webp_is_decoded_and_its_size_read():
     lossless, lossy = webp(101), webp(90)
     assert (lossless[12:16], lossy[12:16]) == (b"VP8L", b"VP8 ")
     for data in (lossless, lossy):
-        assert encoded_format(data) == "webp"
-        assert encoded_size(data) == (8, 6)
+        assert sniff_format(data) == "webp"
+        assert read_size(data) == (8, 6)
     np.testing.assert_array_equal(bgr(lossless, "webp", (8, 6)), PIXELS)
     assert bgr(lossy, "webp", (8, 6)).shape == (6, 8, 3)
     assert bgr(lossy, "webp", (9, 6)) is None
@@ -140,12 +140,12 @@ def test_webp_is_decoded_and_its_size_read():
 
 def test_extended_webp():
     extended = b"RIFF" + bytes(4) + b"WEBPVP8X" + (10).to_bytes(4, "little") + bytes(4)
-    assert encoded_size(extended + (399).to_bytes(3, "little") + (299).to_bytes(3, "little")) == (400, 300)
+    assert read_size(extended + (399).to_bytes(3, "little") + (299).to_bytes(3, "little")) == (400, 300)
     with pytest.raises(DecodeError, match="WebP without a frame header"):
-        encoded_size(extended)
+        read_size(extended)
 
 
 def test_webp_with_transparency():
     data = cv2.imencode(".webp", np.dstack([PIXELS, PIXELS[..., :1]]), [cv2.IMWRITE_WEBP_QUALITY, 101])[1].tobytes()
-    assert encoded_size(data) == (8, 6)
+    assert read_size(data) == (8, 6)
     assert bgr(data, "webp", (8, 6)).shape == (6, 8, 3)

@@ -202,7 +202,7 @@ def test_a_rig_is_read_back_bit_for_bit(tmp_path_factory, some_mounts, some_came
     kinds = {name: mount.kind for name, mount in rig.mounts.items()}
     got = {name: Mount(kinds[name], e.translation_m, e.rotation_xyzw) for name, e in patch.edges.items()}
     assert {e.parent for e in patch.edges.values()} <= {"body"}
-    assert Rig(got, patch.cameras).changed_since(rig) == ()
+    assert Rig(got, patch.cameras).list_changes(rig) == ()
     assert rig_toml(Rig(got, patch.cameras)) == rig_toml(rig)
 
 

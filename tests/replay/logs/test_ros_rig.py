@@ -125,5 +125,5 @@ def test_static_transforms_are_taken_from_any_file_of_a_split_recording(logs, tm
                     writer.add_message(id_, last_ns + 1 if is_static else message.log_time, message.data, 0)
             writer.finish()
     plain, split = open_log(logs[1], FaultLog()), open_log(folder, FaultLog())
-    assert split.rig.changed_since(plain.rig) == ()
+    assert split.rig.list_changes(plain.rig) == ()
     assert not [m for m in split.messages() if isinstance(m, RigChange)]

@@ -73,9 +73,9 @@ def test_what_is_kept_is_spread_evenly(length):
     spread = Spread(6)
     for i in range(length):
         spread.offer(i)
-    assert len(spread.kept) <= 12
-    assert len(spread.chosen) == min(6, length)
-    assert list(spread.chosen) == sorted(set(spread.chosen))
+    assert len(spread.items) <= 12
+    assert len(spread.subset) == min(6, length)
+    assert list(spread.subset) == sorted(set(spread.subset))
     if length > 12:
-        assert np.diff(spread.chosen).max() <= 2 * np.diff(spread.chosen).min() + 1
-        assert spread.chosen[0] == 0
+        assert np.diff(spread.subset).max() <= 2 * np.diff(spread.subset).min() + 1
+        assert spread.subset[0] == 0

@@ -16,7 +16,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from fbench.replay.contracts.errors import DecodeError, PointsError, UnsupportedError
 from fbench.replay.data.arrays import Array, Float64
-from fbench.replay.data.images import RAW_CHANNELS, encoded_format, encoded_size, layout_name, pack_rows
+from fbench.replay.data.images import RAW_CHANNELS, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
@@ -52,8 +52,8 @@ def read_compressed_image(data: memoryview, origin: Origin) -> Image:
     head, encoded = split(data, CompressedImage.DATA_FIELD_NUMBER)
     proto, pixels = parse(CompressedImage, head), bytes(encoded)
     stamp_ns, size_wh = _stamp_ns(proto, origin), origin.size_wh
-    encoding = proto.format if size_wh is not None else encoded_format(encoded)
-    size_wh = size_wh or encoded_size(pixels)
+    encoding = proto.format if size_wh is not None else sniff_format(encoded)
+    size_wh = size_wh or read_size(pixels)
     return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, encoding, size_wh, origin.frame_number)
 
 

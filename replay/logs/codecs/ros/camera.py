@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError, UnsupportedError
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.images import DEPTH, MAX_PIXELS, encoded_format, encoded_size, layout_name, pack_rows
+from fbench.replay.data.images import DEPTH, MAX_PIXELS, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import Origin, Probe
@@ -74,8 +74,8 @@ def compressed_image(kind: str, image: CompressedImage, encoding: str, origin: O
     DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
     """
     probe_image(image, encoding)
-    name, data = encoded_format(image.data), bytes(image.data)
-    stamp_ns, size_wh = image.header.stamp_ns, encoded_size(data)
+    name, data = sniff_format(image.data), bytes(image.data)
+    stamp_ns, size_wh = image.header.stamp_ns, read_size(data)
     return Image(origin.sensor, stamp_ns, origin.log_ns, data, name, size_wh, origin.frame_number)
 
 

@@ -34,7 +34,7 @@ class Content(Enum):
     VECS4 = pa.list_(pa.list_(pa.float64(), 4))
 
     @property
-    def nested(self) -> bool:
+    def is_nested(self) -> bool:
         """Whether a row holds more than one value."""
         return bool(pa.types.is_nested(self.value))
 

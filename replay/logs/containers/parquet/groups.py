@@ -137,7 +137,7 @@ class GroupFile:
                 yield self._table(source, group, names)
                 return
             where = f"{self.path}: row group {group} takes more than {MAX_DECODED} bytes"
-            if any(column.content.nested for column in self.footer.columns.values()):
+            if any(column.content.is_nested for column in self.footer.columns.values()):
                 raise LimitError(f"{where}; write smaller row groups", "LIM004")
             if (np.diff(self.log_ns(group)) < 0).any():
                 advice = "sort it or write smaller row groups"

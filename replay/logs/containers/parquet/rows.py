@@ -166,7 +166,7 @@ class Row(NamedTuple):
         array, content = self.rows.others[name]
         scalar = array[self.row]
         try:
-            if not content.nested:
+            if not content.is_nested:
                 return scalar.as_py()
             return _list(scalar, content) if scalar.is_valid else None
         except (ValueError, pa.ArrowException) as error:
