@@ -68,8 +68,8 @@ def timeline(times: Times, max_jump_ns: int) -> Timeline:
 
 def out_of_order(line: Timeline) -> tuple[Int64, Int64]:
     """Which messages have a smaller stamp than one before them in their piece, and by how much [ns]."""
-    behind = [np.maximum.accumulate(line.stamp_ns[piece]) - line.stamp_ns[piece] for piece in line.pieces]
-    amount = np.concatenate(behind)
+    pieces = [line.stamp_ns[piece] for piece in line.pieces]
+    amount = np.concatenate([np.maximum.accumulate(stamps) - stamps for stamps in pieces])
     rows = np.flatnonzero(amount)
     return rows, amount[rows]
 
@@ -159,27 +159,23 @@ _MAX_EARLY_NS = 20_000_000  # So far ahead of the recorder may a synchronized cl
 def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | None) -> Iterator[Finding]:
     """Judge one sensor's times, its clock against that of the reference sensor."""
     name, num, stamps = stats.sensor, stats.num_messages, line.stamp_ns
-    if stats.num_zero_stamps:
-        yield finding("CHK001", name, f"{stats.num_zero_stamps} of {num} stamps are 0", stats.num_zero_stamps)
-    rows, behind = out_of_order(line)
-    if len(rows):
-        text = f"{len(rows)} of {num} stamps are older than one before, by up to {_ms(int(behind.max()))}"
-        yield finding("TIM001", name, text, len(rows), _at(stamps, rows))
+    (late, _), (same, other) = out_of_order(line), find_repeated(line)
+    back = f"stamps are older than one before, by up to {_ms(stats.max_inversion_ns)}"
+    for code, many, what, rows in (
+        ("CHK001", stats.num_zero_stamps, "stamps are 0", None),
+        ("TIM001", len(late), back, late),
+        ("CHK004", stats.num_unordered, "messages were recorded in another order than that of their log times", None),
+        ("TIM004", len(same), "messages are exact duplicates of others", same),
+        ("TIM003", len(other), "messages have the stamp of another one, but not its content", other),
+    ):
+        if many:
+            first = "" if rows is None else _at(stamps, rows)
+            yield finding(code, name, f"{many} of {num} {what}", many, first)
     if stats.num_jumps:
         starts = np.array([piece.start for piece in line.pieces[1:]])
         back = _s(int((stamps[starts - 1] - stamps[starts]).max()))
         text = f"the clock jumps back {_count(stats.num_jumps, 'time')}, by up to {back}"
         yield finding("TIM005", name, text, stats.num_jumps, _at(stamps, starts))
-    if stats.num_unordered:
-        text = f"{stats.num_unordered} of {num} messages were recorded in another order than that of their log times"
-        yield finding("CHK004", name, text, stats.num_unordered)
-    same, other = find_repeated(line)
-    if len(same):
-        text = f"{len(same)} of {num} messages are exact duplicates of others"
-        yield finding("TIM004", name, text, len(same), _at(stamps, same))
-    if len(other):
-        text = f"{len(other)} of {num} messages have the stamp of another one, but not its content"
-        yield finding("TIM003", name, text, len(other), _at(stamps, other))
     if stats.num_gaps:
         longest = np.argsort(-line.steps_ns, kind="stable")[: stats.num_gaps]
         text = f"{_count(stats.num_gaps, 'gap')}, the longest of {_s(int(line.steps_ns[longest[0]]))}"

@@ -1,12 +1,13 @@
 """Recording of what went into each frame, and the same log in other containers."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, TypeVar
 
 from fbench.replay.check.difference import Form
 from fbench.replay.contracts.protocols import Pipeline, Reader
 from fbench.replay.data.frames import Frame, Output
-from fbench.replay.data.messages import Message, Tick, Truth
+from fbench.replay.data.messages import Message, Tick
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.logs.container import Container
@@ -18,50 +19,32 @@ from fbench.replay.logs.convert.source import Source
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.runs.digest import START, digest, link
 
+T = TypeVar("T")
+
 
 class WatchedReader:
-    """A reader that chains the digests of the messages it delivers."""
+    """A reader that chains the digests of the messages it delivers; all else is as with the reader itself."""
 
     def __init__(self, reader: Reader) -> None:
         self._reader = reader
         self.chain = START
         """Last link."""
 
-    @property
-    def info(self) -> LogInfo:
-        """Name, id and metadata."""
-        return self._reader.info
-
-    @property
-    def rig(self) -> Rig:
-        """Sensors and their calibration."""
-        return self._reader.rig
-
-    @property
-    def num_messages(self) -> Mapping[str, int]:
-        """Messages by sensor."""
-        return self._reader.num_messages
-
-    @property
-    def poses(self) -> tuple[str, ...]:
-        """Names of the streams of poses."""
-        return self._reader.poses
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._reader, name)
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All messages."""
-        for message in self._reader.messages():
-            self.chain = link(self.chain, digest(message))
-            yield message
+        return self._watch(self._reader.messages())
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
         """All messages, and the instants of boxes."""
-        for message in self._reader.events():
+        return self._watch(self._reader.events())
+
+    def _watch(self, messages: Iterator[T]) -> Iterator[T]:
+        for message in messages:
             self.chain = link(self.chain, digest(message))
             yield message
-
-    def truths(self) -> Iterator[Truth]:
-        """Ground truth."""
-        return self._reader.truths()
 
 
 class WatchedPipeline:

@@ -17,7 +17,7 @@ from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
 from fbench.replay.data.boxes import finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.engine.cleaning import OutputCheck
-from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import NOT_THERE, SyncCounts, SyncParams
 from fbench.replay.engine.frames import FrameStream
@@ -51,7 +51,7 @@ class Plan:
     truth: manifest.TruthEntry | None = None  # The file that truth comes from, for the manifest
     max_between_ns: int = 0
     """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
-    clock: VirtualClock = field(default_factory=VirtualClock)
+    clock: Clock = field(default_factory=Clock)
     budget: FaultBudget = field(default_factory=FaultBudget)
     """So much data may be lost without the run being incomplete."""
     redact: bool = False  # Leave out of the run what tells whose log it is; see `redact`

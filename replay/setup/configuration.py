@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, did_you_mean, wrong_key
 from fbench.replay.contracts.variants import read_config
 from fbench.replay.data.boxes import LABELS
 from fbench.replay.data.classes import IGNORE
@@ -105,20 +105,8 @@ def load_config(path: Path) -> Config:
     except TomlError as error:
         raise ConfigError(f"{path}: not TOML: {error}", "CFG003") from error
     except ValidationError as error:
-        raise ConfigError(f"{path}: {_describe_first(error)}", "CFG003") from error
-
-
-def _describe_first(error: ValidationError) -> str:
-    found = error.errors(include_url=False, include_context=False)[0]
-    keys = [str(part) for part in found["loc"]]
-    place = ".".join(keys)
-    if found["type"] == "extra_forbidden":
-        table = Config if len(keys) == 1 else _TABLES.get(keys[0], Config)
-        return f"'{place}' isn't known{did_you_mean(keys[-1], list(table.model_fields))}"
-    if found["type"] == "missing":
-        return f"'{place}' is missing"
-    text = found["msg"].removeprefix("Value error, ")
-    return f"'{place}': {text}"
+        why = wrong_key(error, lambda keys: Config if len(keys) == 1 else _TABLES.get(keys[0], Config))
+        raise ConfigError(f"{path}: {why}", "CFG003") from error
 
 
 def setup_of(config: Config, path: Path) -> Setup:
