@@ -18,15 +18,14 @@ from fbench.replay.setup.inspection import Line, Table, median_step
 class Clocks:
     """How the stamps of the sample have to be read."""
 
-    use_log: bool = False
-    why: str = ""
+    log_why: str = ""  # Why log times are used; empty: stamps are
     offsets_ms: Mapping[str, float] = field(default_factory=dict)  # Added to the stamps of a sensor
     notes: Mapping[str, str] = field(default_factory=dict)  # What is odd about the stamps of a sensor
 
     def stamps_ns(self, sensor: Candidate) -> Int64:
         """Stamps of the sample that count (N,)."""
         offset_ns = round(self.offsets_ms.get(sensor.name, 0.0) * 1e6)
-        stamps = [s.log_ns if self.use_log or not s.stamp_ns else s.stamp_ns for s in sensor.sampled.samples]
+        stamps = [s.log_ns if self.log_why or not s.stamp_ns else s.stamp_ns for s in sensor.sampled.samples]
         return np.array(stamps, np.int64) + offset_ns
 
 
@@ -38,7 +37,7 @@ def guess_clocks(sensors: Sequence[Candidate], reference: str) -> Clocks:
     zero = [name for name, values in skews.items() if not values]
     skews = {name: values for name, values in skews.items() if values}
     if zero and not skews:
-        return Clocks(True, "no message has a stamp: recording times are used")
+        return Clocks("no message has a stamp: recording times are used")
     middle = {name: int(np.median(np.array(values, np.int64))) for name, values in skews.items()}
     notes = dict.fromkeys(zero, "its messages have no stamps: recording times are used")
     drifting = [name for name, values in skews.items() if max(values) - min(values) > MAX_SKEW_NS]
@@ -51,7 +50,7 @@ def guess_clocks(sensors: Sequence[Candidate], reference: str) -> Clocks:
     elif zero and any(abs(skew) > MAX_SKEW_NS for skew in middle.values()):
         why = f"stamps don't come from the recording clock, and {without} has no stamps"
     if why or reference not in middle:
-        return Clocks(bool(why), why, notes=notes)
+        return Clocks(why, notes=notes)
     # Sensors whose stamps are far from the times of recording are moved to the others; else to the reference.
     near = {name: skew for name, skew in middle.items() if abs(skew) <= MAX_SKEW_NS}
     target = middle[reference] if reference in near or not near else int(np.median(list(near.values())))
@@ -97,8 +96,8 @@ def frames_table(sensors: Sequence[Candidate], reference: Line, clocks: Clocks) 
     lines = [reference, _timeout_line(chosen, others, clocks, period_ns), tolerance]
     if period_ns is not None and 2 * period_ns > _DEFAULT.max_gap_ns:
         lines.append(Line("max_gap_s", round(4 * period_ns / 1e9, 1), "four periods of the reference", is_guess=True))
-    if clocks.use_log:
-        lines.append(Line("stamps", "log", clocks.why, is_guess=True))
+    if clocks.log_why:
+        lines.append(Line("stamps", "log", clocks.log_why, is_guess=True))
     return Table(("frames",), tuple(lines))
 
 

@@ -1,5 +1,6 @@
 """Guesses about radars: the sign of radial velocities, ego motion and ambiguity."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -47,20 +48,15 @@ def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | 
     """
     radars = [s for s in sensors if s.kind == "radar" and s.name in rig.mounts and _measures_velocity(s)]
     votes = {s.name: _cast_votes(s, rig) for s in radars}
-    by_window: dict[int, list[Pose]] = {}
+    by_window = defaultdict[int, list[Pose]](list)
     for sample in () if poses is None else poses.samples:
         if sample.pose is not None:
-            by_window.setdefault(sample.window, []).append(sample.pose)
+            by_window[sample.window].append(sample.pose)
     speeds = {window: speed for window, own in by_window.items() if (speed := forward_speed(own)) is not None}
     found: dict[str, tuple[Line, ...]] = {}
     for s in radars:
-        others = {
-            v.window
-            for name, cast in votes.items()
-            for v in cast
-            if name != s.name and not v.is_still and abs(v.ahead_mps) > _SURELY_MOVING_MPS
-        }
-        moving = others | {window for window, speed in speeds.items() if abs(speed) > _SURELY_MOVING_MPS}
+        others = [(v.window, v.ahead_mps) for name, cast in votes.items() if name != s.name for v in cast]
+        moving = {window for window, speed in (*others, *speeds.items()) if abs(speed) > _SURELY_MOVING_MPS}
         lines = _decide(votes[s.name], len(_scans(s)), moving, speeds)
         found[s.name] = tuple(map(_compare_with_own, lines)) if s.is_own else lines
     return found
@@ -117,9 +113,8 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
             Line("ego_motion", "removed", why, is_guess=len(free) < 3),
         )
     if not included:
-        why = f"none of {num_scans} scans shows a motion clearly"
-        if votes:
-            why = "the vehicle hardly moves in the sampled scans"
+        unclear = f"none of {num_scans} scans shows a motion clearly"
+        why = "the vehicle hardly moves in the sampled scans" if votes else unclear
         return Line("doppler", "receding", why, is_guess=True), Line("ego_motion", "included", why, is_guess=True)
     # Things ahead recede only from a vehicle that reverses.
     receding = [(v.ahead_mps < 0) != (speeds.get(v.window, 1.0) < -1.0) for v in included]
@@ -141,20 +136,15 @@ _MAX_SKEW = 0.05
 _MAX_BINS = 4096
 
 
-def period_lines(sensors: Sequence[Candidate]) -> dict[str, Line]:
-    """Guess the period of each radar, by name, whose velocities wrap around. Velocities thin out towards the fastest
-    that was seen. Where they fill a range around zero up to both of its ends instead, what was faster has come in again
-    at the other end.
+def period_line(radar: Candidate) -> Line | None:
+    """Guess the period of a radar's velocities where they wrap around. They thin out towards the fastest that was seen.
+    Where they fill a range around zero up to both of its ends instead, what was faster has come in again at the other
+    end.
     """
-    found = {s.name: _period_line(s) for s in sensors if s.kind == "radar" and not s.is_own}
-    return {name: line for name, line in found.items() if line is not None}
-
-
-def _period_line(radar: Candidate) -> Line | None:
     columns = [scan.radial_velocity_mps for scan in _scans(radar)]
     velocity = np.concatenate([np.zeros(0), *(column for column in columns if column is not None)])
     velocity = velocity[np.isfinite(velocity)]
-    if len(velocity) < _MIN_ECHOES:
+    if radar.is_own or len(velocity) < _MIN_ECHOES:
         return None
     low, high = float(velocity.min()), float(velocity.max())
     span = high - low

@@ -2,8 +2,8 @@
 
 import os
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -21,21 +21,13 @@ _BOX_WORDS = ("label", "truth", "annotation", "openlabel", "gt", "tracks", "boxe
 _RIG_WORDS = ("calib", "camchain", "camera_info", "extrinsic", "intrinsic", "rig", "urdf")
 
 
-@dataclass(frozen=True)
-class Neighbors:
-    """Names of files and folders in the log's folder that may belong to it."""
-
-    boxes: tuple[str, ...] = ()
-    rigs: tuple[str, ...] = ()
-
-
-def find_neighbors(config: Path, log: Path) -> Neighbors:
-    """Look at the names in the folder of a configuration."""
+def find_neighbors(config: Path, log: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of files and folders in a configuration's folder that may hold a log's boxes, and of files with its rig."""
     try:
         with os.scandir(config.resolve().parent) as found:
             items = sorted((item.name, item.is_dir()) for item in islice(found, _MAX_FILES))
     except OSError:
-        return Neighbors()
+        return (), ()
     items = [item for item in items if not item[0].startswith(".") and item[0] not in (log.name, config.name)]
     boxes, rigs = [], []
     for name, is_dir in items:
@@ -47,7 +39,7 @@ def find_neighbors(config: Path, log: Path) -> Neighbors:
         has_rig_word = suffix in (".yaml", ".yml", ".toml") and any(word in stem for word in _RIG_WORDS)
         if not is_dir and (suffix == ".urdf" or has_rig_word):
             rigs.append(name)
-    return Neighbors(tuple(boxes[:_MAX_SHOWN]), tuple(rigs[:_MAX_SHOWN]))
+    return tuple(boxes[:_MAX_SHOWN]), tuple(rigs[:_MAX_SHOWN])
 
 
 _MAX_ENTRIES = 500  # Messages with boxes of a window that are read for their classes
@@ -55,11 +47,11 @@ _MAX_CLASSES = 100
 _MAX_NAME = 200
 
 
-def truth_table(log: Inspection, neighbors: Neighbors) -> Table:
+def truth_table(log: Inspection, boxes_beside: Sequence[str]) -> Table:
     """Write `[truth]`."""
     topics = _topics(log, "truth")
     why = "beside the log; is it ground truth?"
-    files = tuple(Line("file", name, why, is_active=False) for name in neighbors.boxes)
+    files = tuple(Line("file", name, why, is_active=False) for name in boxes_beside)
     if topics:
         own = all(role.is_own for role in log.roles.values() if role.kind == "truth")
         return Table(("truth",), (Line("topics", topics, "the log says so" if own else "by its name"), *files))
