@@ -128,12 +128,7 @@ def _compare_frames(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecor
 
 
 def _facts(record: FrameRecord) -> dict[str, Any]:
-    return {
-        "index": record.index,
-        "segment": record.segment,
-        "missing": dict(record.missing),
-        "truth_stamp_ns": record.truth_stamp_ns,
-    }
+    return {name: getattr(record, name) for name in ("index", "segment", "missing", "truth_stamp_ns")}
 
 
 def boxes_difference(a: Boxes, b: Boxes) -> str | None:

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,14 +54,26 @@ def relabel(
     is_camera0 = run.manifest.log.metadata.get(CAMERA0) == BODY
     coordinates = CoordinateFrames(rig, tree_of(rig), BODY, camera0_is_body=is_camera0)
     file = open_boxes(source, coordinates, faults)
-    map_ = ClassMap(classes or {})
-    truths = (_classify(span.note(truth), map_, source.path.name, faults) for truth in file.truths())
+    map_, where = ClassMap(classes or {}), source.path.name
+
+    def count_unknown(name: str) -> None:
+        faults.once("GT007", (where, name), f"{where}: '{name}'")
+
+    truths = (map_.label_truth(span.note(truth), count_unknown) for truth in file.truths())
     # Truth refers to stamps as recorded, before an offset was added.
     offset_ns = run.manifest.frames.offsets_ns.get(run.manifest.frames.reference, 0)
     instants = [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True, f.segment) for f in run.frames]
+    poses = dict(zip((frame.index for frame in run.frames), map(pose_of, run.poses), strict=True))
+    has_poses, is_whole = any(pose is not None for pose in poses.values()), run.manifest.frames.excerpt == "all"
+    stamps = [frame.stamp_ns for frame in run.frames]
     with closing(_Tables(run)) as tables:
         times = TruthTimes(instants, run.poses, max_between_ns)
-        _match(run, times.match(truths), tables, faults)
+        for index, truth in times.match(truths):
+            if index is None:
+                if is_whole or (truth.frame_index is None and min(stamps) <= truth.stamp_ns <= max(stamps)):
+                    faults.add("GT006", stray(truth))
+            elif (kept := drop_invalid(truth, index, poses[index], has_poses, faults)) is not None:
+                tables.add(index, kept)
         if not tables.truths:
             raise MetricError(_explain_unmatched(run, source.path, span))
         between = InterpolationEntry(max_gap_ns=max_between_ns, num_frames=sum(map(times.is_between, tables.truths)))
@@ -136,28 +148,6 @@ class _Tables:
 
     def _partial(self, name: str) -> Path:
         return self._run.folder / f".{name}.partial-{os.getpid()}"
-
-
-def _match(run: Run, matched: Iterable[tuple[int | None, Truth]], tables: _Tables, faults: FaultLog) -> None:
-    poses = dict(zip((frame.index for frame in run.frames), map(pose_of, run.poses), strict=True))
-    has_poses = any(pose is not None for pose in poses.values())
-    is_whole = run.manifest.frames.excerpt == "all"
-    stamps = [frame.stamp_ns for frame in run.frames]
-    for index, truth in matched:
-        if index is None:
-            if is_whole or (truth.frame_index is None and min(stamps) <= truth.stamp_ns <= max(stamps)):
-                faults.add("GT006", stray(truth))
-        elif (kept := drop_invalid(truth, index, poses[index], has_poses, faults)) is not None:
-            tables.add(index, kept)
-
-
-def _classify(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> Truth:
-    def unknown(name: str) -> None:
-        faults.once("GT007", (where, name), f"{where}: '{name}'")
-
-    boxes3d = None if truth.boxes3d is None else classes.apply(truth.boxes3d, unknown)
-    boxes2d = None if truth.boxes2d is None else classes.apply(truth.boxes2d, unknown)
-    return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
 
 
 def _explain_unmatched(run: Run, path: Path, span: _Span) -> str:
