@@ -62,9 +62,7 @@ class Outcome:
         return self.seen.get(record.index, {}).get("parts", {})  # type: ignore[no-any-return]
 
     def faults(self, of_container: bool = True) -> dict[str, Any]:
-        """Faults and stragglers; without those of the container, and without the places, which name its files, if these
-        aren't wanted.
-        """
+        """Faults and stragglers; else without those of the container, and without places, which name its files."""
         content = self.run.json("faults.json")
         rows = content.pop("rows")
         if of_container:

@@ -115,9 +115,7 @@ def _mean_rate(num: int, span: tuple[int, int] | None) -> float | None:
 
 
 def reference_of(reader: LogReader, known: PartialRig, params: SyncParams) -> str | None:
-    """Return the reference sensor, even where the rig is incomplete; `None` where there can't be one. Raises
-    ConfigError where the sensor that was asked for isn't in the log.
-    """
+    """Return the reference sensor, even of an incomplete rig, or `None`. Raises ConfigError where the log lacks it."""
     nowhere = {name: Mount(kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for name, kind in known.kinds.items()}
     try:
         return choose_reference(Rig(nowhere, {}), reader.info, reader.num_messages, params)

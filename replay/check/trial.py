@@ -149,9 +149,7 @@ class FrameCheck:
         self._count(self._buffer.break_off(change.reason))
 
     def add(self, recorded: Message | Tick, message: Message | Tick, usable: Message | Skipped | None) -> None:
-        """Add one message, as recorded, with the stamp that counts, and as a pipeline would get it; or, without the
-        latter, an instant that boxes give.
-        """
+        """Add a message as recorded, restamped, and as a pipeline would get it; instants of boxes lack the latter."""
         self._count(self._buffer.advance(message.log_ns))
         if usable is None or message.sensor == self._reference:
             num = self._buffer.num_frames

@@ -190,9 +190,7 @@ def _make_absolute(pipeline: str) -> str:
 
 @contextmanager
 def workplace(keep: Path | None) -> Iterator[Path]:
-    """Give an empty folder, which goes away unless it is to be kept. Raises ConfigError where the folder to keep isn't
-    empty or can't be made.
-    """
+    """Give an empty folder, temporary or to be kept. Raises ConfigError where that isn't empty or can't be made."""
     if keep is None:
         with tempfile.TemporaryDirectory(prefix="fbench-verify-") as folder:
             yield Path(folder)

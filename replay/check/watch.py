@@ -74,9 +74,7 @@ class WatchedPipeline:
 
 
 def convert_to(form: Form, container: Container, folder: Path) -> Path:
-    """Write a log into `folder` in another form, under the same name; returns where it is. Raises LogError where it
-    can't be read.
-    """
+    """Write a log in another form, under its name, into `folder`; return where. Raises LogError as reading does."""
     path = folder / f"{container.path.stem}.mcap"
     if form == "unchunked":
         source = Source(container, (), Excerpt())

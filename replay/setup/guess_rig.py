@@ -67,9 +67,7 @@ def _guess_frame(container: Container, roles: Mapping[int, Role], sensors: Seque
 
 
 def guess_pose(log: Inspection, body: Body) -> tuple[SampledTopic | None, tuple[Line, ...]]:
-    """Take the topic with the highest rate of those that give the body's own pose, else of all; and what is said about
-    it and the others.
-    """
+    """The topic with the highest rate of those with the body's own pose, else of all; and lines about it and others."""
     found = [t for t in log.topics if t.role.kind in ("pose", "odometry") and any(s.pose for s in t.samples)]
     found = [t for t in found if t.num_messages]
     if not found:

@@ -62,9 +62,7 @@ class LogSource:
         return open_log(self.path, faults, self.topics, self.setup)
 
     def input_entries(self) -> list[InputEntry]:
-        """Say which files beside the log decide what a run holds, for its manifest; truth says so itself. Raises
-        ConfigError where the results aren't there.
-        """
+        """Files that decide what a run holds, but truth, for its manifest. Raises ConfigError without the results."""
         results = self.setup.results
         if results is None:
             return list(self.inputs)
@@ -107,9 +105,7 @@ class LogSource:
 
 
 def log_source(request: LogRequest) -> LogSource:
-    """Read the configuration and calibration that go with a log. Raises ConfigError where one of the files can't be
-    used.
-    """
+    """Read the configuration and calibration of a log. Raises ConfigError where one of the files can't be used."""
     path = find_config(request.path) if request.config is None else Path(request.config)
     if request.config == NO_CONFIG:
         path = None
