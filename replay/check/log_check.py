@@ -1,9 +1,9 @@
 """Reading a whole log once, every checksum verified and every payload decoded, to find what is wrong."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from fbench.replay.check.findings import Finding, finding, sort_key
+from fbench.replay.check.findings import SEVERITIES, Finding, Severity, finding
 from fbench.replay.check.survey import Topic, reference_of, topics_of
 from fbench.replay.check.times import StreamStats, Times, stream_stats, time_findings, timeline
 from fbench.replay.check.trial import FrameCheck, FrameStats, Trial
@@ -146,7 +146,16 @@ class _Check:
         lines = {name: timeline(times, sync.max_jump_ns) for name, times in self._times.items()}
         stats = {name: stream_stats(name, self._kinds.get(name, ""), line, sync.max_gap_ns)
                  for name, line in lines.items()}  # fmt: skip
-        found = list(self._judge_content(list(stats.values())))
+        found = [finding("CAL001", sensor, why) for sensor, why in sorted(self._known.problems.items())]
+        for code, num in sorted(self._faults.counts.items()):
+            places = self._faults.places.get(code, [])
+            found.append(finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else ""))
+        no_message = "the rig has it, but the log has no message of it"
+        severity: Severity | None = "info" if self._reference == BOXES else None
+        silent = [name for name, s in stats.items() if not s.num_messages]
+        found += [finding("CHK005", name, no_message, 0, severity=severity) for name in silent]
+        if self._reference is None:
+            found.append(finding("CHK007", "", "no frames: neither sensors nor boxes have messages"))
         for name, line in lines.items():
             found += time_findings(stats[name], line, stats.get(self._reference or ""))
         found += self._truth_clock.findings(self._options.stamps.offsets_ns, self._reference)
@@ -163,18 +172,5 @@ class _Check:
         return CheckResult(
             reader.info, storage(reader.container, reader.container.log_times()), self._reference,
             tuple(stats.values()), topics_of(reader), frames, self._truth.num_messages, num_labeled,
-            tuple(sorted(found, key=sort_key)),
+            tuple(sorted(found, key=lambda f: (SEVERITIES.index(f.severity), f.code, f.source, f.text))),
         )  # fmt: skip
-
-    def _judge_content(self, stats: Sequence[StreamStats]) -> Iterator[Finding]:
-        for code, num in sorted(self._faults.counts.items()):
-            places = self._faults.places.get(code, [])
-            yield finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else "")
-        for sensor, why in sorted(self._known.problems.items()):
-            yield finding("CAL001", sensor, why)
-        for s in stats:
-            if s.num_messages == 0:
-                text = "the rig has it, but the log has no message of it"
-                yield finding("CHK005", s.sensor, text, 0, severity="info" if self._reference == BOXES else None)
-        if self._reference is None:
-            yield finding("CHK007", "", "no frames: neither sensors nor boxes have messages")

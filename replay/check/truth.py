@@ -1,7 +1,4 @@
-"""Findings about ground truth, and whether its stamps and those of the sensors are of one clock.
-
-A sample of sweeps and boxes is kept while a log is read once; at the end `judge_clock` judges it.
-"""
+"""Findings about ground truth, and a sample from which `judge_clock` tells whether its clock is that of a sensor."""
 
 from array import array
 from collections import Counter, defaultdict

@@ -131,7 +131,7 @@ class _Periods:
         return min(otherwise_ns, (last - first) * 51 // (100 * (num - 1))) if num > 1 and last > first else otherwise_ns
 
 
-@dataclass(frozen=True)
+@dataclass
 class SyncCounts:
     """What became of the messages that are in no frame, and what was late."""
 
@@ -160,15 +160,8 @@ class FrameBuffer:
         self.breaks: list[str] = []  # Why each segment after the first begins
         self._last_stamp_ns: int | None = None
         self._periods = _Periods()
-        self._late_ms: dict[tuple[int, str], float] = {}
-        self._unused: dict[str, int] = dict.fromkeys(self._expected, 0)
-        self._disordered = 0
+        self.counts = SyncCounts({}, dict.fromkeys(self._expected, 0), 0)  # What was late or unused so far
         self._is_numbered = False  # Whether frames have numbers, all of them or some
-
-    @property
-    def counts(self) -> SyncCounts:
-        """What was late or unused so far."""
-        return SyncCounts(dict(self._late_ms), dict(self._unused), self._disordered)
 
     def open_frame(self, message: Message | Tick) -> Iterator[Frame]:
         """Open the frame at the instant of a message of the reference sensor, as recorded. Yields the frames of the
@@ -182,7 +175,7 @@ class FrameBuffer:
         elif -step_ns > self._params.max_jump_ns:
             yield from self.break_off(f"clock jumps back by {-step_ns / 1e9:.3f} s")
         elif step_ns <= 0:
-            self._disordered += 1
+            self.counts.disordered += 1
             return
         self._last_stamp_ns = stamp
         self._periods.note(self._reference, stamp)
@@ -198,7 +191,7 @@ class FrameBuffer:
             elif early.stamp_ns > stamp or (early.frame_number is not None and frame.number is None):
                 self._pending.append(early)
             else:
-                self._unused[early.sensor] += 1
+                self.counts.unused[early.sensor] += 1
 
     def break_off(self, why: str) -> Iterator[Frame]:
         """Release all frames and begin a new segment with the next one, where there were frames already."""
@@ -210,7 +203,7 @@ class FrameBuffer:
 
     def add(self, message: Message) -> Iterator[Frame]:
         """Put a message into its frame, or keep it until that opens, but not for longer than a segment can pause."""
-        if message.sensor not in self._unused:
+        if message.sensor not in self.counts.unused:
             return
         yield from self.advance(message.log_ns)
         if message.sensor != self._reference:
@@ -221,7 +214,7 @@ class FrameBuffer:
         elif not self._is_late(message):
             oldest = message.log_ns - self._params.max_gap_ns
             for old in [m for m in self._pending if m.log_ns < oldest]:
-                self._unused[old.sensor] += 1
+                self.counts.unused[old.sensor] += 1
             self._pending = [*(m for m in self._pending if m.log_ns >= oldest), message]
         yield from self.advance(message.log_ns)
 
@@ -237,7 +230,7 @@ class FrameBuffer:
         """Release all frames: the log ends."""
         yield from self._release_all()
         for message in self._pending:
-            self._unused[message.sensor] += 1
+            self.counts.unused[message.sensor] += 1
         self._pending = []
 
     def _release_all(self) -> Iterator[Frame]:
@@ -262,7 +255,7 @@ class FrameBuffer:
         """Take the message; of two of one sensor that with the frame's number stays, else the nearer or earlier one."""
         other = frame.messages.setdefault(message.sensor, message)
         if other is not message:
-            self._unused[message.sensor] += 1
+            self.counts.unused[message.sensor] += 1
             if frame.rank(message) < frame.rank(other):
                 frame.messages[message.sensor] = message
 
@@ -271,10 +264,10 @@ class FrameBuffer:
         for frame in reversed(self._released):
             if self._distance_ns(message, frame) is not None:
                 key = (frame.frame, message.sensor)
-                if message.sensor in frame.absent and key not in self._late_ms:
-                    self._late_ms[key] = max(0, message.log_ns - frame.deadline_ns) / 1e6
+                if message.sensor in frame.absent and key not in self.counts.late_ms:
+                    self.counts.late_ms[key] = max(0, message.log_ns - frame.deadline_ns) / 1e6
                 else:
-                    self._unused[message.sensor] += 1
+                    self.counts.unused[message.sensor] += 1
                 return True
         return False
 

@@ -19,7 +19,7 @@ from fbench.replay.data.frames import Frame, Output
 from fbench.replay.engine.cleaning import OutputCheck
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.engine.frame_buffer import NOT_THERE, SyncCounts, SyncParams
+from fbench.replay.engine.frame_buffer import NOT_THERE, SyncParams
 from fbench.replay.engine.frames import FrameStream
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs import manifest
@@ -187,7 +187,7 @@ class _Loop:
         counts = self.stream.buffer.counts
         if counts.disordered:
             self._faults.add("TIM001", self.stream.reference, counts.disordered)
-        self._writer.explain_missing(lambda record: self._explain(record, counts))
+        self._writer.explain_missing(self._explain)
         rows = self._faults.rows()
         if self._plan.redact:
             self._writer.explain_missing(redact_record)
@@ -196,13 +196,13 @@ class _Loop:
         faults = {"lost": self._faults.lost, "late_messages": counts.late, "unused_messages": counts.unused}
         self._writer.write_json("faults.json", {**faults, "rows": rows})
 
-    def _explain(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
+    def _explain(self, record: FrameRecord) -> FrameRecord:
         """Say of each sensor that wasn't there in time whether it was skipped, came too late or never. What comes too
         late behind the end of an excerpt isn't read, so there 'never' can't be said.
         """
         missing: dict[str, str] = {}
         for sensor, reason in record.missing.items():
-            late_ms = counts.late_ms.get((record.index, sensor))
+            late_ms = self.stream.buffer.counts.late_ms.get((record.index, sensor))
             if late_ms is not None:
                 missing[sensor] = f"late by {late_ms:.1f} ms"
             elif not reason.startswith(NOT_THERE):

@@ -7,7 +7,7 @@ message is delivered, and what was read but never delivered was never met.
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import fields
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -44,14 +44,11 @@ def open_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: 
         yield open_log(faults)
         return
     staged = StagedFaults()
-    try:
+    with ExitStack() as ends:
+        ends.callback(staged.pass_to, faults)
         ahead = _AheadReader(open_log(staged), staged, faults, limit)
-        try:
-            yield ahead
-        finally:
-            ahead.stop()
-    finally:
-        staged.pass_to(faults)
+        ends.callback(ahead.stop)
+        yield ahead
 
 
 class _Item(NamedTuple, Generic[R]):

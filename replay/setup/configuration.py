@@ -161,12 +161,10 @@ def _is_inside(folder: Path, path: Path) -> bool:
 
 
 def config_place(log: Path) -> Path:
-    """Return where the configuration of a log belongs: in a folder of parts or of rosbag2, else beside the log. A
-    Parquet folder holds what its `log.json` lists and nothing else.
-    """
+    """Return where the configuration of a log belongs: in a folder of parts or of rosbag2, else beside the log."""
     if log.name in ("log.json", "metadata.yaml"):
         log = log.parent
-    inside = log.is_dir() and not (log / "log.json").is_file()
+    inside = log.is_dir() and not (log / "log.json").is_file()  # Parquet holds what that lists, and nothing else
     return log / NAME if inside else log.parent / NAME
 
 

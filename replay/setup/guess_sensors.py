@@ -61,9 +61,8 @@ def name_sensors(kinds: Mapping[str, str], stems: Mapping[str, str]) -> dict[str
 _DERIVED: Mapping[str, tuple[str, ...]] = {
     "lidar": ("map", "cluster", "clusters", "clustered", "ground", "noground", "nonground", "filtered", "filter",
               "concatenated", "concat", "merged", "fused", "combined", "obstacle", "obstacles", "downsampled",
-              "downsample", "voxel",
-              "voxels", "costmap", "cropped", "segmented", "segmentation", "registered", "accumulated", "global",
-              "occupancy", "debug", "objects", "aligned", "submap", "free", "curb", "lanes"),
+              "downsample", "voxel", "voxels", "costmap", "cropped", "segmented", "segmentation", "registered",
+              "accumulated", "global", "occupancy", "debug", "objects", "aligned", "submap", "free", "curb", "lanes"),
     "camera": ("depth", "disparity", "mask", "segmentation", "semantic", "debug", "overlay", "annotated",
                "visualization", "heatmap", "confidence", "detections", "result", "results", "thumbnail", "preview"),
     "radar": ("cluster", "clusters", "filtered", "concatenated", "merged", "fused", "combined", "debug", "accumulated",

@@ -35,7 +35,8 @@ def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
     topics = {name: str(line.value) for name, line in calibrations.items()}
     body = guess_body(found.container, found.roles, sensors, topics)
     placed = [s for s in sensors if s.name not in body.problems] or sensors
-    reference = guess_reference(placed, found.metadata)
+    header = found.container.header
+    reference = guess_reference(placed, {} if header is None else header.metadata)
     clocks = guess_clocks(placed, str(reference.value))
     poses, pose_lines = guess_pose(found, body)
     boxes_beside, rigs_beside = find_neighbors(config, log)

@@ -167,12 +167,6 @@ class Inspection:
     topics: tuple[SampledTopic, ...]  # By name
     unread: tuple[LeftOut, ...]
 
-    @property
-    def metadata(self) -> Mapping[str, str]:
-        """What the log says about itself."""
-        header = self.container.header
-        return {} if header is None else header.metadata
-
 
 def inspect_log(container: Container) -> Inspection:
     """Sample a log; what can't be decoded is passed over. Raises LogError where it can't be read."""
