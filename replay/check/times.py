@@ -2,7 +2,7 @@
 
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,15 +17,13 @@ from fbench.replay.logs.setup import MAX_SKEW_NS, mending_offset
 from fbench.replay.runs.digest import digest
 
 
-@dataclass
 class Times:
     """Stamps, log times and digests of the messages of one sensor, in canonical order: 24 bytes a message."""
 
-    stamps: "array[int]" = field(default_factory=lambda: array("q"))
-    logs: "array[int]" = field(default_factory=lambda: array("q"))
-    digests: "array[int]" = field(default_factory=lambda: array("Q"))
-    num_unordered: int = 0  # Messages that were recorded before one with a smaller log time
-    _last: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.stamps, self.logs, self.digests = array("q"), array("q"), array("Q")
+        self.num_unordered = 0  # Messages that were recorded before one with a smaller log time
+        self._last: dict[int, tuple[int, int, int]] = {}
 
     def add(self, entry: Entry, message: Message) -> None:
         """Note one message."""

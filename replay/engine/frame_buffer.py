@@ -15,7 +15,7 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import BOXES, Message, Tick
 from fbench.replay.data.metadata import REFERENCE, TIMEOUT_MS
-from fbench.replay.data.rig import Kind, LogInfo, Rig
+from fbench.replay.data.rig import Kind, LogInfo
 
 NOT_THERE = "not there within"
 _REMEMBERED = 16
@@ -63,27 +63,28 @@ def make_sync_params(
     return SyncParams(reference, timeout_ns, tolerance_ns, max_gap_ns, is_default_timeout=timeout_ms is None)
 
 
-def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], params: SyncParams) -> str:
-    """Return the name of the reference sensor: as asked for, as the log says, else the slowest.
+def choose_reference(kinds: Mapping[str, Kind], info: LogInfo, nums: Mapping[str, int], params: SyncParams) -> str:
+    """Return the name of the reference sensor: as asked for, as the log says, else the slowest. `kinds`: of calibrated
+    sensors by name.
 
-    The slowest is the one with the fewest of `num_messages`; up to a tenth more counts as equally slow, since messages
+    The slowest is the one with the fewest messages (`nums`); up to a tenth more counts as equally slow, since messages
     get lost. Of equally slow ones LiDARs go before cameras before radars, then names decide. Where no sensor has
     messages, boxes give the instants: `BOXES`. Raises ConfigError where the sensor that was asked for isn't in the log.
     Raises LogError where the log has no message of any sensor with calibration.
     """
     logged = info.metadata.get(REFERENCE)
-    wanted = params.reference or (logged if logged in rig.mounts else None)  # it may have been left out
+    wanted = params.reference or (logged if logged in kinds else None)  # it may have been left out
     if wanted is not None:
-        if wanted not in rig.mounts:
-            raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(rig.mounts))}")
+        if wanted not in kinds:
+            raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(kinds))}")
         return wanted
-    heard = {name: num for name in rig.sensors(*_PREFERENCE) if (num := num_messages.get(name, 0))}
-    if not heard and num_messages.get(BOXES):
+    heard = {name: num for name, kind in kinds.items() if kind in _PREFERENCE and (num := nums.get(name, 0))}
+    if not heard and nums.get(BOXES):
         return BOXES
     if not heard:
         raise LogError(f"log '{info.name}' has no messages of a sensor with calibration, so there are no frames")
     slow = [name for name, num in heard.items() if num <= 1.1 * min(heard.values())]
-    return min(slow, key=lambda name: (_PREFERENCE.index(rig.mounts[name].kind), name))
+    return min(slow, key=lambda name: (_PREFERENCE.index(kinds[name]), name))
 
 
 @dataclass

@@ -47,7 +47,7 @@ class FrameStream:
         self._stamps, self._excerpt, self._clock, self._faults = stamps, excerpt, clock, faults
         self.sync = sync = sync.complete_from(reader.info)
         self._max_between_ns = max_between_ns
-        self.reference = choose_reference(whole, reader.info, reader.num_messages, sync)
+        self.reference = choose_reference(whole.kinds, reader.info, reader.num_messages, sync)
         self._known = (*names, *reader.poses)
         stamps.require_known(self._known)
         self.buffer = FrameBuffer((*chosen, *reader.poses), self.reference, sync)

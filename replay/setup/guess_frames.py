@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import FbenchError
 from fbench.replay.data.arrays import Int64
-from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.data.rig import LogInfo
 from fbench.replay.engine.frame_buffer import SyncParams, choose_reference
 from fbench.replay.logs.setup import MAX_SKEW_NS
 from fbench.replay.setup.guess_sensors import Candidate
@@ -66,16 +66,14 @@ _MAX_TIMEOUT_MS = 1000.0
 
 def guess_reference(sensors: Sequence[Candidate], metadata: Mapping[str, str]) -> Line:
     """Choose the sensor whose stamps are the instants, as a replay would."""
-    mounts = {s.name: Mount(s.kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for s in sensors}
-    nums = {s.name: s.sampled.num_messages for s in sensors}
+    kinds, nums = {s.name: s.kind for s in sensors}, {s.name: s.sampled.num_messages for s in sensors}
     try:
-        name = choose_reference(Rig(mounts, {}), LogInfo("", "", metadata), nums, SyncParams())
+        name = choose_reference(kinds, LogInfo("", "", metadata), nums, SyncParams())
     except FbenchError:
         return Line("reference", sensors[0].name, "no sensor has messages", is_guess=True)
     if metadata.get("reference") == name:
         return Line("reference", name, "from the log's metadata")
-    kind = next(s.kind for s in sensors if s.name == name)
-    equals = [s for s in sensors if s.kind == kind and 0 < nums[s.name] <= 1.1 * nums[name]]
+    equals = [s for s in sensors if s.kind == kinds[name] and 0 < nums[s.name] <= 1.1 * nums[name]]
     best = min(equals, key=lambda s: (-(s.sampled.median_points or 0), s.name))
     rate = best.sampled.rate_text or "rate unknown"
     what = f"the slowest, {rate}; ties: LiDAR, camera, radar, then the most points"

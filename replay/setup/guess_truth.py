@@ -1,7 +1,7 @@
 """Guesses of truth and results: topics and files, and what their classes mean."""
 
 import os
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import islice
@@ -77,27 +77,26 @@ def _topics(log: Inspection, kind: str) -> tuple[str, ...]:
 
 def classes_table(log: Inspection) -> Table | None:
     """Write `[classes]` from the names that were met in the sample; `None` where there are none."""
-    nums: Counter[str] = Counter()
-    labels: dict[str, Counter[str]] = {}
+    labels = defaultdict[str, Counter[str]](Counter)
     certain: set[str] = set()  # Names of which somebody has said what they mean
     channels = frozenset(id_ for id_, role in log.roles.items() if role.kind in ("truth", "detections"))
     for _, entry in sample_messages(log.container, channels, log.times, _MAX_ENTRIES):
         role = log.roles[entry.channel]
         for (name, meant), num in _count_classes(role, entry).items():
             if 0 < len(name) <= _MAX_NAME:
-                nums[name] += num
-                labels.setdefault(name, Counter())[meant] += num
+                labels[name][meant] += num
                 if role.is_own or is_known(name):
                     certain.add(name)
-    if not nums:
+    if not labels:
         return None
-    names = sorted(nums, key=lambda name: (-nums[name], name))
+    names = sorted(labels, key=lambda name: (-labels[name].total(), name))
     notes = ["By the names that the log gives, counted in a sample; 'ignore' leaves a class out of scores."]
     notes += [f"{len(names) - _MAX_CLASSES} rarer names aren't listed."] if len(names) > _MAX_CLASSES else []
     lines = []
     for name in names[:_MAX_CLASSES]:
         meant = min(labels[name].items(), key=lambda item: (-item[1], item[0]))[0]
-        count = f"{nums[name]} {'box' if nums[name] == 1 else 'boxes'}"
+        num = labels[name].total()
+        count = f"{num} {'box' if num == 1 else 'boxes'}"
         why = count if name in certain else f"{count}, not a known name"
         lines.append(Line(name, meant, why, name not in certain))
     return Table(("classes",), tuple(lines), notes=tuple(notes))

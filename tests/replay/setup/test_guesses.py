@@ -56,7 +56,7 @@ def test_the_file_works_untouched(guess, tmp_path):
     assert sorted(reader.rig.mounts) == sorted(config.sensors)
     assert len(reader.rig.cameras) == 4
     sync = SyncParams(config.frames.reference)
-    assert choose_reference(reader.rig, reader.info, reader.num_messages, sync) == config.frames.reference
+    assert choose_reference(reader.rig.kinds, reader.info, reader.num_messages, sync) == config.frames.reference
     assert len(list(reader.messages())) == 20 * 11 + 100
     assert len(list(reader.truths())) == 20
     assert not faults.lost
