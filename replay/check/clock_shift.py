@@ -164,7 +164,8 @@ def judge_clock(sensor: str, fits: Sequence[Fit], added_ns: int, is_reference: b
     # Boxes of a slightly wrong size may explain an offset as well.
     at = int(np.searchsorted(OFFSETS_NS, offset_ns))
     moved_m = float(np.median([fit.moved_m[at] for fit in fits]))
-    share, before = _share_inside(fits, at), _share_inside(fits, _ZERO)
+    nums = [(sum(int(f.num_inside[i]) for f in fits), sum(int(f.num_around[i]) for f in fits)) for i in (at, _ZERO)]
+    share, before = (inside / max(around, 1) for inside, around in nums)
     if moved_m < _MIN_MOVED_M or share < before + _MIN_GAIN:
         return None
     num_sweeps, num_tracks = len({fit.stamp_ns for fit in fits}), len({fit.track_id for fit in fits})
@@ -177,8 +178,3 @@ def judge_clock(sensor: str, fits: Sequence[Fit], added_ns: int, is_reference: b
     if is_reference:
         advice = f"look at how truth was stamped: frames take their instants from {sensor}, which --offset can't move"
     return finding("TIM012", sensor, text, num_sweeps, advice=advice)
-
-
-def _share_inside(fits: Sequence[Fit], at: int) -> float:
-    around = sum(int(fit.num_around[at]) for fit in fits)
-    return sum(int(fit.num_inside[at]) for fit in fits) / max(around, 1)

@@ -27,7 +27,6 @@ from fbench.replay.logs.setup import StampParams
 
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
 _TAIL = 1024  # Some cameras pad their images; the end is looked for in so many bytes
-_GAP = "TIM007"
 
 
 def _find_damage(image: Image, decode_images: bool) -> str:
@@ -167,7 +166,7 @@ class _Check:
             found += self._trial.findings(frames, sync)
         ignored = set(self._options.ignored)
         if reader.info.metadata.get(GAPS) == MEANT:
-            ignored.add(_GAP)
+            ignored.add("TIM007")
         found = [replace(f, severity="info") if f.code in ignored else f for f in found]
         return CheckResult(
             reader.info, storage(reader.container, reader.container.log_times()), self._reference,

@@ -167,13 +167,13 @@ def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | N
         ("TIM003", len(other), "messages have the stamp of another one, but not its content", other),
     ):
         if many:
-            first = "" if rows is None else _at(stamps, rows)
+            first = "" if rows is None else f"stamp {int(stamps[rows[0]])} ns"
             yield finding(code, name, f"{many} of {num} {what}", many, first)
     if stats.num_jumps:
         starts = np.array([piece.start for piece in line.pieces[1:]])
         back = _s(int((stamps[starts - 1] - stamps[starts]).max()))
         text = f"the clock jumps back {_count(stats.num_jumps, 'time')}, by up to {back}"
-        yield finding("TIM005", name, text, stats.num_jumps, _at(stamps, starts))
+        yield finding("TIM005", name, text, stats.num_jumps, f"stamp {int(stamps[starts[0]])} ns")
     if stats.num_gaps:
         longest = np.argsort(-line.steps_ns, kind="stable")[: stats.num_gaps]
         text = f"{_count(stats.num_gaps, 'gap')}, the longest of {_s(int(line.steps_ns[longest[0]]))}"
@@ -215,10 +215,6 @@ def _judge_clock(stats: StreamStats, reference: StreamStats | None) -> Iterator[
         text = (f"header stamps are {_ms(abs(skew))} {age} than arrival (median; "
                 f"log time minus stamp is {_ms(stats.skew_min_ns)} to {_ms(stats.skew_max_ns)}){beyond}")  # fmt: skip
         yield finding("TIM009", stats.sensor, text, stats.num_messages)
-
-
-def _at(stamp_ns: Int64, rows: Int64) -> str:
-    return f"stamp {int(stamp_ns[rows[0]])} ns"
 
 
 def _count(num: int, noun: str) -> str:

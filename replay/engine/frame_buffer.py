@@ -49,9 +49,7 @@ class SyncParams:
 def make_sync_params(
     reference: str | None, timeout_ms: float | None, tolerance_ms: float, max_gap_s: float
 ) -> SyncParams:
-    """Read `--reference`, `--timeout-ms` (`None`: not given), `--tolerance-ms` and `--max-gap-s`. Raises ConfigError
-    where a duration isn't a number, or negative.
-    """
+    """Read options; `None`: not given. Raises ConfigError where a duration isn't a number, or negative."""
     durations: list[int] = []
     asked = (("--timeout-ms", timeout_ms, 1e6), ("--tolerance-ms", tolerance_ms, 1e6), ("--max-gap-s", max_gap_s, 1e9))
     for option, value, unit_ns in asked:
@@ -243,9 +241,8 @@ class FrameBuffer:
         return min(arrivals, default=frame.opened_ns) + self._params.timeout_ns
 
     def _distance_ns(self, message: Message, frame: _Open | _Released) -> int | None:
-        """How far a message is from a frame's instant, or `None` where it doesn't belong there. Of frames of which only
-        some have numbers, as keyframes do, a message with a number belongs to no other.
-        """
+        """How far a message is from a frame's instant, or `None` where it doesn't belong there."""
+        # Where only some frames have numbers, as keyframes do, a message with a number belongs to no other.
         if message.frame_number is not None and (frame.number is not None or self._is_numbered):
             return 0 if message.frame_number == frame.number else None
         distance = abs(message.stamp_ns - frame.stamp_ns)

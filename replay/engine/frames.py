@@ -111,9 +111,9 @@ class FrameStream:
                 yield from self._take(recorded, self._stamps.restamp(recorded))
             if self._stop is not None and self._num_released >= self._stop:
                 self.is_cut = True
-                self.poses.finish()
-                return
-        yield from self.buffer.flush()
+                break
+        else:
+            yield from self.buffer.flush()
         self.poses.finish()
 
     def _take(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:

@@ -197,9 +197,7 @@ class _Loop:
         self._writer.write_json("faults.json", {**faults, "rows": rows})
 
     def _explain(self, record: FrameRecord) -> FrameRecord:
-        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never. What comes too
-        late behind the end of an excerpt isn't read, so there 'never' can't be said.
-        """
+        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never."""
         missing: dict[str, str] = {}
         for sensor, reason in record.missing.items():
             late_ms = self.stream.buffer.counts.late_ms.get((record.index, sensor))
@@ -209,7 +207,7 @@ class _Loop:
                 missing[sensor] = reason
             elif skipped := self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number):
                 missing[sensor] = f"skipped: {skipped}"
-            else:
+            else:  # what comes too late behind the end of an excerpt isn't read, so 'never' can't be said
                 missing[sensor] = reason if self.stream.is_cut else "never came"
         return replace(record, missing=missing)
 

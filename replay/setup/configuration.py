@@ -110,9 +110,7 @@ def load_config(path: Path) -> Config:
 
 
 def setup_of(config: Config, path: Path) -> Setup:
-    """Return what a configuration that was read from `path` says about a log. Raises ConfigError where a file that it
-    names is missing, damaged, or lies outside of its folder.
-    """
+    """Return what a configuration, read from `path`, says of a log. Raises ConfigError for files that can't be used."""
     patch = RigPatch()
     for name in config.body.rig:
         patch = patch.over(open_rig_file(inside(path, name)))

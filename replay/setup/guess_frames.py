@@ -117,9 +117,7 @@ def _timeout_line(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks
 
 
 def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, tolerance_ns: int) -> tuple[Int64, int]:
-    """How long after the reference the last sensor came [ns], for each frame that has all; and how many there are.
-    Instants at the borders of a window, where messages lie outside, don't count.
-    """
+    """How long after the reference the last sensor came [ns], in frames that have all; and the number of frames."""
     waits: list[int] = []
     num = 0
     for window in sorted({s.window for s in chosen.sampled.samples}):
@@ -136,7 +134,7 @@ def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, to
             nearest = np.where(np.abs(theirs[left] - stamps) <= np.abs(theirs[right] - stamps), left, right)
             known &= np.abs(theirs[nearest] - stamps) <= tolerance_ns
             last = np.maximum(last, arrived[nearest])
-        num += int(np.count_nonzero(inside))
+        num += int(np.count_nonzero(inside))  # not those at the borders of a window, where messages lie outside
         waits += (last - logs)[known & inside].tolist()
     return np.array(waits, np.int64), num
 

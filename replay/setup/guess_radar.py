@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,13 +31,6 @@ _SURELY_MOVING_MPS = 3.0
 _STILL_MPS = 0.2
 
 
-@dataclass(frozen=True)
-class _Vote:
-    window: int
-    ahead_mps: float  # What the scan says of things straight ahead that stand still, with the sign of its numbers
-    is_still: bool
-
-
 def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | None) -> dict[str, tuple[Line, ...]]:
     """Guess for each radar, by name, from the scans of the sample.
 
@@ -55,7 +48,7 @@ def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | 
     speeds = {window: speed for window, own in by_window.items() if (speed := forward_speed(own)) is not None}
     found: dict[str, tuple[Line, ...]] = {}
     for s in radars:
-        others = [(v.window, v.ahead_mps) for name, cast in votes.items() if name != s.name for v in cast]
+        others = [vote for name, cast in votes.items() if name != s.name for vote in cast]
         moving = {window for window, speed in (*others, *speeds.items()) if abs(speed) > _SURELY_MOVING_MPS}
         lines = _decide(votes[s.name], len(_scans(s)), moving, speeds)
         found[s.name] = tuple(map(_compare_with_own, lines)) if s.is_own else lines
@@ -80,8 +73,10 @@ def _compare_with_own(line: Line) -> Line:
     return Line(line.key, meant, f"as in all logs that fbench writes, but {line.why}: {line.value}", is_guess=True)
 
 
-def _cast_votes(radar: Candidate, rig: Rig) -> list[_Vote]:
-    """Fit the motion of each scan as if its velocities were positive when receding and unambiguous."""
+def _cast_votes(radar: Candidate, rig: Rig) -> list[tuple[int, float]]:
+    """Fit the motion of each scan as if its velocities were positive when receding and unambiguous. Return its window
+    and what it says of things straight ahead that stand still [m/s], with the sign of its numbers; 0: no motion.
+    """
     rotation = rig.body_T_sensor(radar.name)[:3, :3]
     votes = []
     for sample in radar.sampled.samples:
@@ -97,15 +92,17 @@ def _cast_votes(radar: Candidate, rig: Rig) -> list[_Vote]:
             continue
         ahead_mps = -float(fit.velocity_mps[0])
         if abs(ahead_mps) > _MOVING_MPS:
-            votes.append(_Vote(sample.window, ahead_mps, False))
+            votes.append((sample.window, ahead_mps))
         elif abs(ahead_mps) < _STILL_MPS and fit.share >= _STILL_SHARE:
-            votes.append(_Vote(sample.window, 0.0, True))
+            votes.append((sample.window, 0.0))
     return votes
 
 
-def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Mapping[int, float]) -> tuple[Line, ...]:
-    included = [v for v in votes if not v.is_still]
-    free = [v for v in votes if v.is_still and v.window in moving]
+def _decide(
+    votes: Sequence[tuple[int, float]], num_scans: int, moving: set[int], speeds: Mapping[int, float]
+) -> tuple[Line, ...]:
+    included = [vote for vote in votes if vote[1]]
+    free = [window for window, ahead_mps in votes if not ahead_mps and window in moving]
     if len(free) > len(included):
         why = f"{len(free)} of {num_scans} scans show no motion while other sensors say that the vehicle moves"
         return (
@@ -117,10 +114,10 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
         why = "the vehicle hardly moves in the sampled scans" if votes else unclear
         return Line("doppler", "receding", why, is_guess=True), Line("ego_motion", "included", why, is_guess=True)
     # Things ahead recede only from a vehicle that reverses.
-    receding = [(v.ahead_mps < 0) != (speeds.get(v.window, 1.0) < -1.0) for v in included]
+    receding = [(ahead_mps < 0) != (speeds.get(window, 1.0) < -1.0) for window, ahead_mps in included]
     sign = "receding" if 2 * sum(receding) >= len(receding) else "approaching"
     num = max(sum(receding), len(receding) - sum(receding))
-    speed = float(np.median([abs(v.ahead_mps) for v in included]))
+    speed = float(np.median([abs(ahead_mps) for _, ahead_mps in included]))
     is_clear = num >= 3 and num >= 0.8 * len(included) and len(included) >= 0.3 * num_scans
     backed = "poses say so" if speeds else "assuming that it drives forward"
     why = f"{num} of {num_scans} scans fit a vehicle at {speed:.1f} m/s, {backed}"

@@ -44,9 +44,7 @@ def _stem(parts: Sequence[str]) -> str:
 
 
 def name_sensors(kinds: Mapping[str, str], stems: Mapping[str, str]) -> dict[str, str]:
-    """Return a name for the sensor of each topic: short, unique, the same for the same topics. `kinds` are the kinds of
-    sensor by topic; `stems`: see `find_stems`.
-    """
+    """Name the sensor of each topic: short, unique, always the same; `kinds` are by topic, `stems` of `find_stems`."""
     found: dict[str, str] = {}
     for topic, kind in sorted(kinds.items()):
         stem = stems.get(topic, "")
@@ -181,11 +179,10 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
         most[stems[t.topic]] = max(most.get(stems[t.topic], 0), t.num_messages)
 
     def rank(t: SampledTopic) -> tuple[object, ...]:
-        """Sorts the best topic of a device first. Images as they came from the camera fit K and its distortion; raw
-        ones have no artifacts, but recorders drop some of what is large.
-        """
+        """Sorts the best topic of a device first."""
         topic, is_thin = t.topic.lower(), t.num_messages < 0.9 * most[stems[t.topic]]
         if kind == "camera":
+            # As they came from the camera they fit K; raw ones have no artifacts, but recorders drop what is large.
             return "rect" in topic, is_thin, "mono" in topic or "gray" in topic, "compressed" in topic, t.topic
         no_doppler = not _doppler_field(t.fields)
         return _derivation_word(kind, topic) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic

@@ -266,9 +266,8 @@ class TruthTimes:
         return replace(boxes, **rows), is_moved
 
     def _body_T_body(self, frame: Instant, stamp_ns: int) -> Float64 | None:
-        """Transform (4, 4) from the body at a stamp to that at a frame of its segment, where it is known: by the poses
-        of frames, which a finished run knows, too, so that truth that is added later gets the same numbers.
-        """
+        """Transform (4, 4) from the body at a stamp to that at a frame of its segment; `None` where unknown."""
+        # From the poses of frames alone, which a finished run has, too: later truth gets the same numbers.
         frames = self._segments[frame.segment]
         place = bisect_left(frames, stamp_ns, key=lambda other: other.stamp_ns)
         if place < len(frames) and frames[place].stamp_ns == stamp_ns:
