@@ -1,1 +1,1 @@
-"""Reading a whole log to find what is wrong with it."""
+"""What is wrong with a log (`log_check`), what it holds (`survey`), and whether a replay repeats bit by bit (`verify`)."""
