@@ -1,1 +1,1 @@
-"""What is wrong with a log (`log_check`), what it holds (`survey`), and whether a replay repeats bit by bit (`verify`)."""
+"""Errors of a log (`log_check`), its content (`survey`), and whether a replay repeats bit by bit (`verify`)."""

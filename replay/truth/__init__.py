@@ -1,1 +1,1 @@
-"""Ground truth of a run: the frame it belongs to (`labelling`), moved to its instant (`times`), replaced (`relabel`)."""
+"""Ground truth of a run: the frame it belongs to (`labelling`), moved to its instant (`times`), or new (`relabel`)."""
