@@ -10,7 +10,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
-from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import make_excerpt
 from fbench.replay.engine.frames import FrameStream
 from fbench.replay.logs.reader import LogReader
@@ -65,7 +65,7 @@ class OpenLog:
             self.source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
             self.source.stamps(stamps, offset),
             make_excerpt(None, None, frames),
-            VirtualClock(),
+            Clock(),
             self.faults,
         )
         return stream.frames(self.reader)

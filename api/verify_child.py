@@ -15,8 +15,7 @@ from pathlib import Path
 
 from fbench.api.cells import answers
 from fbench.api.scores import score_folder
-from fbench.replay.check.difference import TASK, WATCH, VerifyTask
-from fbench.replay.check.watch import WatchedPipeline, WatchedReader, convert_to
+from fbench.replay.check.difference import TASK, WATCH, VerifyTask, WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import give_log, open_pipeline

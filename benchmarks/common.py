@@ -19,7 +19,7 @@ from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, PointCloud, Truth
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
-from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.frames import FrameStream
@@ -94,7 +94,7 @@ def frames_of(log: Path) -> tuple[Rig, LogInfo, list[Frame]]:
     """Return rig, description and all frames of a log, held in memory."""
     faults = FaultLog()
     reader = log_source(LogRequest(log)).open(faults)
-    stream = FrameStream(reader, SyncParams(), StampParams(), Excerpt(), VirtualClock(), faults)
+    stream = FrameStream(reader, SyncParams(), StampParams(), Excerpt(), Clock(), faults)
     return stream.rig, reader.info, list(stream.frames(reader))
 
 

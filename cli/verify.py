@@ -50,7 +50,10 @@ def verify(
     with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
         found = verify_request(request, repeat, quick, keep, progress)
     if json:
-        rows = [{**asdict(verdict), "identical": verdict.identical} for verdict in found.verdicts]
+        rows = [
+            {"variant": name, "difference": odd and asdict(odd), "identical": not odd}
+            for name, odd in found.differences.items()
+        ]
         content = {"log": str(log), "pipeline": request.pipeline, "identical": found.identical}
         print_json({**content, "stages": dict(found.digests), "variants": rows})
     else:
@@ -64,7 +67,7 @@ def _print(found: "Verified") -> None:
         table.add_row(stage, text)
     console().print(table)
     say("")
-    for verdict in found.verdicts:
-        say(f"{verdict.variant}: identical" if verdict.identical else f"{verdict.difference} under {verdict.variant}")
-    num = sum(not verdict.identical for verdict in found.verdicts)
-    say("", f"DIVERGED: {num} of {len(found.verdicts)}" if num else f"identical: all {len(found.verdicts)}")
+    for variant, odd in found.differences.items():
+        say(f"{odd} under {variant}" if odd else f"{variant}: identical")
+    num, total = sum(map(bool, found.differences.values())), len(found.differences)
+    say("", f"DIVERGED: {num} of {total}" if num else f"identical: all {total}")

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
+from fbench.replay.contracts.errors import DecodeError, LimitError, LogError, first_wrong
 from fbench.replay.contracts.importing import FrameRange, read_bytes
 from fbench.replay.data.arrays import Float32, Float64
 from fbench.replay.data.images import MAX_PIXELS, read_size, sniff_format
@@ -153,14 +153,3 @@ def read_json(path: Path, model: type[T]) -> T:
         return TypeAdapter(model).validate_json(read_bytes(path))
     except ValidationError as error:
         raise LogError(f"{path}: {first_wrong(error)}") from error
-
-
-def first_wrong(error: ValidationError) -> str:
-    """Return the first field that isn't as its model says, and why: `objects.0.size: Field required`."""
-    return ": ".join(text for text in wrong_field(error) if text)
-
-
-def wrong_field(error: ValidationError) -> tuple[str, str]:
-    """Return the name of the first field that isn't as its model says, empty for the whole, and why."""
-    first = error.errors()[0]
-    return ".".join(str(part) for part in first["loc"]), first["msg"]

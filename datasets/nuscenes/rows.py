@@ -11,8 +11,7 @@ from typing import Annotated, Any, TextIO, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, ValidationError
 
-from fbench.datasets.importing.files import wrong_field
-from fbench.replay.contracts.errors import LimitError, LogError
+from fbench.replay.contracts.errors import LimitError, LogError, wrong_field
 from fbench.replay.contracts.importing import require_file
 from fbench.replay.data.rig import Kind
 

@@ -7,9 +7,9 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.importing.files import BODY_T_OPTICAL, first_wrong, is_rotation, mount_of
+from fbench.datasets.importing.files import BODY_T_OPTICAL, is_rotation, mount_of
 from fbench.datasets.radiate.radar import RADAR
-from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.errors import LogError, first_wrong
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.rig import CameraModel, Kind, Rig
 from fbench.replay.formats.documents import YamlFileError, read_yaml

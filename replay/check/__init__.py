@@ -1,1 +1,1 @@
-"""Reading a whole log to find what is wrong with it."""
+"""Errors of a log (`log_check`), its content (`survey`), and whether a replay repeats bit by bit (`verify`)."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.replay.check.findings import Finding, finding
 from fbench.replay.data.arrays import Array, Float32, Float64, Int64
 
 REACH_NS = 500_000_000  # Largest offset that is tried
@@ -132,20 +133,9 @@ _MIN_GAIN = 0.08  # So much more of what stands in and around boxes must be insi
 _NEAR_NS = 100_000_000  # Without any one of the tracks the offset is the same up to this
 
 
-@dataclass(frozen=True)
-class Shift:
-    """An offset that makes a sensor's points fall onto the boxes, and how sure it is."""
-
-    offset_ns: int
-    spread_ns: int  # Standard deviation
-    share: float  # Of the places in and around boxes, that in boxes with the offset
-    share_before: float
-    num_sweeps: int
-    num_tracks: int
-
-
-def find_shift(fits: Sequence[Fit]) -> Shift | None:
-    """Find the offset that all agree on; `None` where they tell none, or none that matters.
+def judge_clock(sensor: str, fits: Sequence[Fit], added_ns: int, is_reference: bool) -> Finding | None:
+    """Find the offset that all agree on; `None` where they tell none, or none that matters. `added_ns` was added to
+    the sensor's stamps already.
 
     Fits of one track within half a second count as one observation. These are drawn anew (bootstrap: Efron, Annals of
     Statistics 7, 1979) to see how sure the best offset is, and each track is left out once: one with boxes of a wrong
@@ -174,13 +164,17 @@ def find_shift(fits: Sequence[Fit]) -> Shift | None:
     # Boxes of a slightly wrong size may explain an offset as well.
     at = int(np.searchsorted(OFFSETS_NS, offset_ns))
     moved_m = float(np.median([fit.moved_m[at] for fit in fits]))
-    share, before = _share_inside(fits, at), _share_inside(fits, _ZERO)
+    nums = [(sum(int(f.num_inside[i]) for f in fits), sum(int(f.num_around[i]) for f in fits)) for i in (at, _ZERO)]
+    share, before = (inside / max(around, 1) for inside, around in nums)
     if moved_m < _MIN_MOVED_M or share < before + _MIN_GAIN:
         return None
     num_sweeps, num_tracks = len({fit.stamp_ns for fit in fits}), len({fit.track_id for fit in fits})
-    return Shift(offset_ns, spread_ns, share, before, num_sweeps, num_tracks)
-
-
-def _share_inside(fits: Sequence[Fit], at: int) -> float:
-    around = sum(int(fit.num_around[at]) for fit in fits)
-    return sum(int(fit.num_inside[at]) for fit in fits) / max(around, 1)
+    text = (
+        f"its points fall onto the truth boxes best with its stamps moved by {offset_ns / 1e6:+.0f} ms "
+        f"(standard deviation {max(spread_ns, STEP_NS) / 1e6:.0f} ms): of what stands in and around "
+        f"boxes {share:.0%} is inside then, {before:.0%} now ({num_tracks} tracks, {num_sweeps} sweeps)"
+    )
+    advice = f"try --offset {sensor}={(added_ns + offset_ns) / 1e6:.0f}"
+    if is_reference:
+        advice = f"look at how truth was stamped: frames take their instants from {sensor}, which --offset can't move"
+    return finding("TIM012", sensor, text, num_sweeps, advice=advice)

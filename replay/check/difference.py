@@ -1,19 +1,33 @@
-"""The task of one verified replay, and the first difference of two: which frame, stage and field."""
+"""One verified replay: its task, what its frames are made of, and the first difference of two."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import TypeAdapter
 
+from fbench.replay.contracts.protocols import Pipeline, Reader
 from fbench.replay.data.boxes import Boxes
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.messages import Message, Tick
+from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.logs.container import Container
+from fbench.replay.logs.containers.mcap.write import RawMcapWriter
+from fbench.replay.logs.convert.copying import Copying
+from fbench.replay.logs.convert.run import Wish, convert
+from fbench.replay.logs.convert.sinks import McapSink
+from fbench.replay.logs.convert.source import Source
+from fbench.replay.logs.convert.target import Target
 from fbench.replay.runs.digest import START, digest, link
 from fbench.replay.runs.folder import FrameRecord, Run
 from fbench.replay.setup.request import ReplayRequest
 
+T = TypeVar("T")
 Form = Literal["unchunked", "lz4", "small chunks", "parquet"]
 
 
@@ -31,6 +45,78 @@ TASK = TypeAdapter(VerifyTask)  # As JSON, for another process
 WATCH = "watch.json"  # In the run folder: what each frame was made of
 _OF_CONTAINERS = ("LOG", "PQ", "LIM", "DEC")
 """Faults with these prefixes tell about the container, which another one needn't have."""
+
+
+class WatchedReader:
+    """A reader that chains the digests of the messages it delivers; all else is as with the reader itself."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+        self.chain = START
+        """Last link."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._reader, name)
+
+    def messages(self) -> Iterator[Message | RigChange]:
+        """All messages."""
+        return self._watch(self._reader.messages())
+
+    def events(self) -> Iterator[Message | RigChange | Tick]:
+        """All messages, and the instants of boxes."""
+        return self._watch(self._reader.events())
+
+    def _watch(self, messages: Iterator[T]) -> Iterator[T]:
+        for message in messages:
+            self.chain = link(self.chain, digest(message))
+            yield message
+
+
+class WatchedPipeline:
+    """A pipeline that notes what its frames are made of."""
+
+    def __init__(self, pipeline: Pipeline, reader: WatchedReader) -> None:
+        self._pipeline, self._reader = pipeline, reader
+        self.rows: list[dict[str, object]] = []
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Prepare for one log."""
+        self._pipeline.start(rig, log_info)
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._pipeline.reset(reason)
+
+    def step(self, frame: Frame) -> Output:
+        """Process one frame."""
+        parts: dict[str, object] = {"stamp_ns": frame.stamp_ns, "frame_number": frame.frame_number}
+        for sensor, message in frame.messages.items():
+            parts[f"{sensor}.stamp_ns"] = message.stamp_ns
+            parts[f"{sensor}.log_ns"] = message.log_ns
+            parts[f"{sensor}.content"] = digest(message)
+        self.rows.append({"index": frame.index, "messages": self._reader.chain, "parts": parts})
+        return self._pipeline.step(frame)
+
+
+def convert_to(form: Form, container: Container, folder: Path) -> Path:
+    """Write a log in another form, under its name, into `folder`; return where. Raises LogError as reading does."""
+    path = folder / f"{container.path.stem}.mcap"
+    if form == "unchunked":
+        source = Source(container, (), Excerpt())
+        sink = McapSink(RawMcapWriter(path, source.about, "none", is_chunked=False))
+        try:
+            for item in Copying(source, frozenset()).items():
+                sink.put(item)
+            sink.close()
+        finally:
+            sink.discard()
+        return path
+    targets = {
+        "lz4": Target(path, compression="lz4"),
+        "small chunks": Target(path, chunk_size=4096),
+        "parquet": Target(path.with_name(f"{container.path.stem}.parquet")),
+    }
+    return convert(container, targets[form], Wish()).path
 
 
 @dataclass(frozen=True)
@@ -62,9 +148,7 @@ class Outcome:
         return self.seen.get(record.index, {}).get("parts", {})  # type: ignore[no-any-return]
 
     def faults(self, of_container: bool = True) -> dict[str, Any]:
-        """Faults and stragglers; without those of the container, and without the places, which name its files, if these
-        aren't wanted.
-        """
+        """Faults and stragglers; else without those of the container, and without places, which name its files."""
         content = self.run.json("faults.json")
         rows = content.pop("rows")
         if of_container:
@@ -128,12 +212,7 @@ def _compare_frames(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecor
 
 
 def _facts(record: FrameRecord) -> dict[str, Any]:
-    return {
-        "index": record.index,
-        "segment": record.segment,
-        "missing": dict(record.missing),
-        "truth_stamp_ns": record.truth_stamp_ns,
-    }
+    return {name: getattr(record, name) for name in ("index", "segment", "missing", "truth_stamp_ns")}
 
 
 def boxes_difference(a: Boxes, b: Boxes) -> str | None:

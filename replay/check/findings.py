@@ -115,8 +115,3 @@ def require_codes(codes: Sequence[str]) -> None:
     for code in codes:
         if code not in known:
             raise ConfigError(f"--ignore {code}: no such finding{did_you_mean(code, known)}")
-
-
-def sort_key(found: Finding) -> tuple[int, str, str, str]:
-    """Errors first, then by code and source."""
-    return SEVERITIES.index(found.severity), found.code, found.source, found.text

@@ -1,14 +1,14 @@
 """Reading a whole log once, every checksum verified and every payload decoded, to find what is wrong."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from fbench.replay.check.findings import Finding, finding, sort_key
+from fbench.replay.check.findings import SEVERITIES, Finding, Severity, finding
 from fbench.replay.check.survey import Topic, reference_of, topics_of
 from fbench.replay.check.times import StreamStats, Times, stream_stats, time_findings, timeline
-from fbench.replay.check.trial import FrameCheck, FrameStats, Trial, missing_findings
+from fbench.replay.check.trial import FrameCheck, FrameStats, Trial
 from fbench.replay.check.truth import TruthCheck, TruthClock
-from fbench.replay.contracts.errors import DecodeError, LogError
+from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.sensor_settings import choose_sensors
@@ -27,7 +27,6 @@ from fbench.replay.logs.setup import StampParams
 
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
 _TAIL = 1024  # Some cameras pad their images; the end is looked for in so many bytes
-_GAP = "TIM007"
 
 
 def _find_damage(image: Image, decode_images: bool) -> str:
@@ -107,87 +106,70 @@ class _Check:
         chosen = choose_sensors(self._known.kinds, options.sensors)
         options.stamps.require_known((*self._known.kinds, *reader.poses))
         self._kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **self._known.kinds}
-        self._trial = None if options.pipeline is None else Trial(*options.pipeline)
+        left_out = frozenset(self._known.kinds) - frozenset(chosen)
+        self._trial = None if options.pipeline is None else Trial(*options.pipeline, reader, left_out)
         self._frames: FrameCheck | None = None
         if self._reference is not None:
             self._frames = FrameCheck((*chosen, *reader.poses), self._reference, options.sync, self._trial)
         self._times = {name: Times() for name in sorted(self._kinds)}
         self._truth, self._truth_clock = TruthCheck(), TruthClock()
-        if self._trial is not None:
-            try:
-                rig = reader.rig
-            except LogError:  # what is missing of it is a finding already
-                text = f"{self._trial.name} can't start: the rig is incomplete"
-                self._trial.problems.append(finding("CHK008", "", text))
-            else:
-                self._trial.start(rig.without(frozenset(self._known.kinds) - frozenset(chosen)), reader.info)
 
     def take(self, entry: Entry, item: Message | RigChange | TruthPart | None) -> None:
+        frames = self._frames
         if isinstance(item, RigChange):
             self._faults.add("CAL002", f"{item.reason} at {item.log_ns} ns")
             self._rig = item.rig
-            if self._frames is not None:
-                self._frames.change(item)
+            if frames is not None:
+                frames.change(item)
         elif isinstance(item, TruthPart):
-            if entry.channel in self._reader.tick_channels and self._frames is not None:
-                self._frames.tick(make_tick(entry, item))
+            if entry.channel in self._reader.tick_channels and frames is not None:
+                tick = make_tick(entry, item)
+                frames.add(tick, tick, None)
             if self._reader.roles[entry.channel].kind == "truth":
                 self._truth.add(item.truth)
                 self._truth_clock.add_truth(item.truth)
         elif item is not None:
-            self._take_message(entry, item)
-
-    def _take_message(self, entry: Entry, recorded: Message) -> None:
-        message = self._options.stamps.restamp(recorded)
-        self._times.setdefault(message.sensor, Times()).add(entry, message)
-        if isinstance(message, Image) and (why := _find_damage(message, self._options.decode_images)):
-            self._faults.add("DEC002", f"{message.sensor} at {message.stamp_ns} ns: {why}")
-        usable = clean(message, self._rig, self._faults)
-        self._truth_clock.add_sweep(usable, self._rig)
-        if self._frames is not None:
-            self._frames.add(recorded, message, usable)
+            message = self._options.stamps.restamp(item)
+            self._times.setdefault(message.sensor, Times()).add(entry, message)
+            if isinstance(message, Image) and (why := _find_damage(message, self._options.decode_images)):
+                self._faults.add("DEC002", f"{message.sensor} at {message.stamp_ns} ns: {why}")
+            usable = clean(message, self._rig, self._faults)
+            self._truth_clock.add_sweep(usable, self._rig)
+            if frames is not None:
+                frames.add(item, message, usable)
 
     def finish(self) -> CheckResult:
+        sync, reader, num_labeled = self._options.sync, self._reader, 0
         if self._frames is not None:
             self._frames.flush()
-        if self._trial is not None:
-            self._trial.finish()
-        sync, reader = self._options.sync, self._reader
         lines = {name: timeline(times, sync.max_jump_ns) for name, times in self._times.items()}
         stats = {name: stream_stats(name, self._kinds.get(name, ""), line, sync.max_gap_ns)
                  for name, line in lines.items()}  # fmt: skip
-        frames = None if self._frames is None else self._frames.stats
-        found = list(self._judge_content(list(stats.values())))
+        found = [finding("CAL001", sensor, why) for sensor, why in sorted(self._known.problems.items())]
+        for code, num in sorted(self._faults.counts.items()):
+            places = self._faults.places.get(code, [])
+            found.append(finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else ""))
+        no_message = "the rig has it, but the log has no message of it"
+        severity: Severity | None = "info" if self._reference == BOXES else None
+        silent = [name for name, s in stats.items() if not s.num_messages]
+        found += [finding("CHK005", name, no_message, 0, severity=severity) for name in silent]
+        if self._reference is None:
+            found.append(finding("CHK007", "", "no frames: neither sensors nor boxes have messages"))
         for name, line in lines.items():
             found += time_findings(stats[name], line, stats.get(self._reference or ""))
-        num_labeled = 0
-        if self._frames is not None:
-            stamps = self._frames.stamps
-            found += self._truth.findings(*stamps)
-            num_labeled = int(self._truth.find_labeled(*stamps).sum())
         found += self._truth_clock.findings(self._options.stamps.offsets_ns, self._reference)
+        if self._frames is not None:
+            found += self._truth.findings(*self._frames.stamps)
+            num_labeled = int(self._truth.find_labeled(*self._frames.stamps).sum())
+        frames = None if self._frames is None else self._frames.stats
         if self._trial is not None:
-            found += self._trial.problems
-            found += missing_findings(self._trial, frames, sync) if frames is not None else []
+            found += self._trial.findings(frames, sync)
         ignored = set(self._options.ignored)
         if reader.info.metadata.get(GAPS) == MEANT:
-            ignored.add(_GAP)
+            ignored.add("TIM007")
         found = [replace(f, severity="info") if f.code in ignored else f for f in found]
         return CheckResult(
             reader.info, storage(reader.container, reader.container.log_times()), self._reference,
             tuple(stats.values()), topics_of(reader), frames, self._truth.num_messages, num_labeled,
-            tuple(sorted(found, key=sort_key)),
+            tuple(sorted(found, key=lambda f: (SEVERITIES.index(f.severity), f.code, f.source, f.text))),
         )  # fmt: skip
-
-    def _judge_content(self, stats: Sequence[StreamStats]) -> Iterator[Finding]:
-        for code, num in sorted(self._faults.counts.items()):
-            places = self._faults.places.get(code, [])
-            yield finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else "")
-        for sensor, why in sorted(self._known.problems.items()):
-            yield finding("CAL001", sensor, why)
-        for s in stats:
-            if s.num_messages == 0:
-                text = "the rig has it, but the log has no message of it"
-                yield finding("CHK005", s.sensor, text, 0, severity="info" if self._reference == BOXES else None)
-        if self._reference is None:
-            yield finding("CHK007", "", "no frames: neither sensors nor boxes have messages")

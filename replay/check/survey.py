@@ -8,7 +8,7 @@ import numpy as np
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.messages import BOXES
-from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.data.rig import LogInfo
 from fbench.replay.engine.frame_buffer import SyncParams, choose_reference
 from fbench.replay.logs.codecs.codec import MESSAGES
 from fbench.replay.logs.open import Storage, read_log_times, span_ns, storage
@@ -54,15 +54,7 @@ class Survey:
     span_ns: tuple[int, int] | None  # Log times of the first and the last message
     breaks: tuple[str, ...] | None
     """Where the reference sensor pauses so long that a new segment begins; `None`: not known without reading."""
-
-    num_ticks: int = 0  # Instants of boxes, where these are the reference
-
-    @property
-    def num_frames(self) -> int:
-        """Messages of the reference sensor."""
-        if self.reference == BOXES:
-            return self.num_ticks
-        return next((s.num_messages for s in self.streams if s.sensor == self.reference), 0)
+    num_frames: int  # Messages of the reference sensor, or instants of boxes
 
 
 def survey(reader: LogReader, params: SyncParams) -> Survey:
@@ -92,10 +84,13 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
         else:
             num = reader.num_messages.get(name, 0)
             streams.append(Stream(name, kinds[name], num, None, None, None, _mean_rate(num, span)))
+    num_frames = next((s.num_messages for s in streams if s.sensor == reference), 0)
+    if reference == BOXES:
+        num_frames = reader.num_messages.get(BOXES, 0)
     return Survey(
         reader.info, form, known, reference, tuple(streams), topics_of(reader),
         sum(container.counts.get(id_, 0) for id_, role in reader.roles.items() if role.kind == "truth"), span,
-        breaks, reader.num_messages.get(BOXES, 0),
+        breaks, num_frames,
     )  # fmt: skip
 
 
@@ -115,12 +110,9 @@ def _mean_rate(num: int, span: tuple[int, int] | None) -> float | None:
 
 
 def reference_of(reader: LogReader, known: PartialRig, params: SyncParams) -> str | None:
-    """Return the reference sensor, even where the rig is incomplete; `None` where there can't be one. Raises
-    ConfigError where the sensor that was asked for isn't in the log.
-    """
-    nowhere = {name: Mount(kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for name, kind in known.kinds.items()}
+    """Return the reference sensor, even of an incomplete rig, or `None`. Raises ConfigError where the log lacks it."""
     try:
-        return choose_reference(Rig(nowhere, {}), reader.info, reader.num_messages, params)
+        return choose_reference(known.kinds, reader.info, reader.num_messages, params)
     except LogError:
         return None
     except ConfigError:

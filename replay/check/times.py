@@ -2,7 +2,7 @@
 
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,15 +17,13 @@ from fbench.replay.logs.setup import MAX_SKEW_NS, mending_offset
 from fbench.replay.runs.digest import digest
 
 
-@dataclass
 class Times:
     """Stamps, log times and digests of the messages of one sensor, in canonical order: 24 bytes a message."""
 
-    stamps: "array[int]" = field(default_factory=lambda: array("q"))
-    logs: "array[int]" = field(default_factory=lambda: array("q"))
-    digests: "array[int]" = field(default_factory=lambda: array("Q"))
-    num_unordered: int = 0  # Messages that were recorded before one with a smaller log time
-    _last: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.stamps, self.logs, self.digests = array("q"), array("q"), array("Q")
+        self.num_unordered = 0  # Messages that were recorded before one with a smaller log time
+        self._last: dict[int, tuple[int, int, int]] = {}
 
     def add(self, entry: Entry, message: Message) -> None:
         """Note one message."""
@@ -68,8 +66,8 @@ def timeline(times: Times, max_jump_ns: int) -> Timeline:
 
 def out_of_order(line: Timeline) -> tuple[Int64, Int64]:
     """Which messages have a smaller stamp than one before them in their piece, and by how much [ns]."""
-    behind = [np.maximum.accumulate(line.stamp_ns[piece]) - line.stamp_ns[piece] for piece in line.pieces]
-    amount = np.concatenate(behind)
+    pieces = [line.stamp_ns[piece] for piece in line.pieces]
+    amount = np.concatenate([np.maximum.accumulate(stamps) - stamps for stamps in pieces])
     rows = np.flatnonzero(amount)
     return rows, amount[rows]
 
@@ -159,27 +157,23 @@ _MAX_EARLY_NS = 20_000_000  # So far ahead of the recorder may a synchronized cl
 def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | None) -> Iterator[Finding]:
     """Judge one sensor's times, its clock against that of the reference sensor."""
     name, num, stamps = stats.sensor, stats.num_messages, line.stamp_ns
-    if stats.num_zero_stamps:
-        yield finding("CHK001", name, f"{stats.num_zero_stamps} of {num} stamps are 0", stats.num_zero_stamps)
-    rows, behind = out_of_order(line)
-    if len(rows):
-        text = f"{len(rows)} of {num} stamps are older than one before, by up to {_ms(int(behind.max()))}"
-        yield finding("TIM001", name, text, len(rows), _at(stamps, rows))
+    (late, _), (same, other) = out_of_order(line), find_repeated(line)
+    back = f"stamps are older than one before, by up to {_ms(stats.max_inversion_ns)}"
+    for code, many, what, rows in (
+        ("CHK001", stats.num_zero_stamps, "stamps are 0", None),
+        ("TIM001", len(late), back, late),
+        ("CHK004", stats.num_unordered, "messages were recorded in another order than that of their log times", None),
+        ("TIM004", len(same), "messages are exact duplicates of others", same),
+        ("TIM003", len(other), "messages have the stamp of another one, but not its content", other),
+    ):
+        if many:
+            first = "" if rows is None else f"stamp {int(stamps[rows[0]])} ns"
+            yield finding(code, name, f"{many} of {num} {what}", many, first)
     if stats.num_jumps:
         starts = np.array([piece.start for piece in line.pieces[1:]])
         back = _s(int((stamps[starts - 1] - stamps[starts]).max()))
         text = f"the clock jumps back {_count(stats.num_jumps, 'time')}, by up to {back}"
-        yield finding("TIM005", name, text, stats.num_jumps, _at(stamps, starts))
-    if stats.num_unordered:
-        text = f"{stats.num_unordered} of {num} messages were recorded in another order than that of their log times"
-        yield finding("CHK004", name, text, stats.num_unordered)
-    same, other = find_repeated(line)
-    if len(same):
-        text = f"{len(same)} of {num} messages are exact duplicates of others"
-        yield finding("TIM004", name, text, len(same), _at(stamps, same))
-    if len(other):
-        text = f"{len(other)} of {num} messages have the stamp of another one, but not its content"
-        yield finding("TIM003", name, text, len(other), _at(stamps, other))
+        yield finding("TIM005", name, text, stats.num_jumps, f"stamp {int(stamps[starts[0]])} ns")
     if stats.num_gaps:
         longest = np.argsort(-line.steps_ns, kind="stable")[: stats.num_gaps]
         text = f"{_count(stats.num_gaps, 'gap')}, the longest of {_s(int(line.steps_ns[longest[0]]))}"
@@ -221,10 +215,6 @@ def _judge_clock(stats: StreamStats, reference: StreamStats | None) -> Iterator[
         text = (f"header stamps are {_ms(abs(skew))} {age} than arrival (median; "
                 f"log time minus stamp is {_ms(stats.skew_min_ns)} to {_ms(stats.skew_max_ns)}){beyond}")  # fmt: skip
         yield finding("TIM009", stats.sensor, text, stats.num_messages)
-
-
-def _at(stamp_ns: Int64, rows: Int64) -> str:
-    return f"stamp {int(stamp_ns[rows[0]])} ns"
 
 
 def _count(num: int, noun: str) -> str:

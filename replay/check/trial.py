@@ -3,7 +3,7 @@
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Message, Tick
-from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.data.rig import RigChange
 from fbench.replay.engine.cleaning import Skipped
 from fbench.replay.engine.frame_buffer import FrameBuffer, SyncParams
+from fbench.replay.logs.reader import LogReader
 from fbench.replay.runs.digest import digest
 
 
@@ -47,32 +48,31 @@ class FrameStats:
 _TRIALS = 3  # So many complete frames are tried
 
 
-@dataclass
 class Trial:
-    """A pipeline and what became of it."""
+    """A pipeline, started on a log's rig, and what became of it."""
 
-    name: str
-    pipeline: Pipeline
-    problems: list[Finding] = field(default_factory=list)
-    _used: dict[str, bool] = field(default_factory=dict)
-    _num_tried: int = 0
-    _reserve: Frame | None = None
-    _is_ready: bool = False
-
-    def start(self, rig: Rig, info: LogInfo) -> None:
-        """Start the pipeline on the log's rig. Raises ConfigError where it is the configuration that is wrong."""
+    def __init__(self, name: str, pipeline: Pipeline, reader: LogReader, left_out: frozenset[str]) -> None:
+        """Start it without some sensors. Raises ConfigError where it is the configuration that is wrong."""
+        self._name, self._pipeline = name, pipeline
+        self._problems: list[Finding] = []
+        self._used: dict[str, bool] = {}  # Whether each sensor made a difference
+        self._num_tried, self._is_ready = 0, False
+        self._reserve: Frame | None = None
         try:
-            self.pipeline.start(rig, info)
+            rig = reader.rig.without(left_out)
+        except LogError:  # what is missing of it is a finding already
+            self._problems.append(finding("CHK008", "", f"{name} can't start: the rig is incomplete"))
+            return
+        try:
+            pipeline.start(rig, reader.info)
             self._is_ready = True
         except LogError as error:
-            self.problems.append(finding("CHK008", "", f"{self.name} can't start: {error}"))
-        except ConfigError:
-            raise
-        except INTERRUPTS:
+            self._problems.append(finding("CHK008", "", f"{name} can't start: {error}"))
+        except (ConfigError, *INTERRUPTS):
             raise
         except BaseException as error:  # noqa: BLE001 - a plug-in may raise anything
             why = str(error) if isinstance(error, FbenchError) else one_line(error)
-            self.problems.append(finding("PRD002", "", f"{self.name} can't start: {why}"))
+            self._problems.append(finding("PRD002", "", f"{name} can't start: {why}"))
 
     def offer(self, frame: Frame) -> None:
         """Try the pipeline on this frame if it is among the first complete ones."""
@@ -86,36 +86,52 @@ class Trial:
         """Try it on some frame at least."""
         if self._is_ready and not self._num_tried and self._reserve is not None:
             self._try(self._reserve)
-        self._reserve = None
-
-    def uses(self, sensor: str) -> bool:
-        """Tell whether the sensor made a difference; assumed where that couldn't be tried."""
-        return self._used.get(sensor, True)
 
     def _try(self, frame: Frame) -> None:
         """Step with and without each sensor: one that changes nothing isn't used."""
         self._num_tried += 1
         try:
-            whole = self._outcome(frame, first=self._num_tried == 1)
+            whole = self._step(frame, is_first=self._num_tried == 1)
             for sensor in frame.messages:
                 if not self._used.get(sensor, False):
                     rest = {name: m for name, m in frame.messages.items() if name != sensor}
-                    self._used[sensor] = self._outcome(replace(frame, messages=rest)) != whole
+                    self._used[sensor] = self._step(replace(frame, messages=rest)) != whole
         except INTERRUPTS:
             raise
         except BaseException as error:  # noqa: BLE001 - a plug-in may raise anything
             first = f"stamp {frame.stamp_ns} ns"
-            self.problems.append(finding("PRD002", "", f"{self.name}: {one_line(error)}", 1, first))
+            self._problems.append(finding("PRD002", "", f"{self._name}: {one_line(error)}", 1, first))
             self._used, self._is_ready = {}, False
 
-    def _outcome(self, frame: Frame, first: bool = False) -> str:
-        self.pipeline.reset("check")
-        output = self.pipeline.step(frame)
-        if first:
-            for sensor, why in sorted(output.missing.items()):
-                advice = f"see fbench plugins pipelines {self.name} for what it needs, and give it with --set"
-                self.problems.append(finding("CHK009", sensor, f"{self.name} can't use it: {why}", advice=advice))
+    def _step(self, frame: Frame, is_first: bool = False) -> str:
+        self._pipeline.reset("check")
+        output = self._pipeline.step(frame)
+        for sensor, why in sorted(output.missing.items()) if is_first else ():
+            advice = f"see fbench plugins pipelines {self._name} for what it needs, and give it with --set"
+            self._problems.append(finding("CHK009", sensor, f"{self._name} can't use it: {why}", advice=advice))
         return digest([output.detections, output.tracks])
+
+    def findings(self, stats: FrameStats | None, sync: SyncParams) -> Iterator[Finding]:
+        """What went wrong, and what the pipeline would miss, sensor by sensor; one that couldn't be tried counts."""
+        yield from self._problems
+        if stats is None:
+            return
+        for s in stats.sensors:
+            never, advice = s.num_missing - s.num_late - s.num_skipped, None
+            parts = [f"{never} never came"] if never > 0 else []
+            parts += [f"{s.num_skipped} unusable"] if s.num_skipped else []
+            if s.late_max_ms is not None:
+                parts.insert(0, f"{s.num_late} late by {s.late_median_ms:.1f} ms (median) to {s.late_max_ms:.1f} ms")
+                wanted = -(-(sync.timeout_ns + round(s.late_max_ms * 1e6)) // 1_000_000)
+                advice = f"--timeout-ms {wanted} would wait for all that were late"
+            severity: Severity | None = None
+            text = f"missing from {s.num_missing} of {stats.num_frames} frames: {', '.join(parts)}"
+            if not self._used.get(s.sensor, True):
+                text, severity, advice = f"{text}; {self._name} doesn't use it", "info", "nothing, for this pipeline"
+            if s.num_missing:
+                yield finding("CHK009", s.sensor, text, s.num_missing, severity=severity, advice=advice)
+            if s.num_unused:
+                yield finding("CHK010", s.sensor, f"{s.num_unused} messages are in no frame", s.num_unused)
 
 
 class FrameCheck:
@@ -124,8 +140,7 @@ class FrameCheck:
     def __init__(self, expected: Sequence[str], reference: str, params: SyncParams, trial: Trial | None) -> None:
         self._buffer = FrameBuffer(expected, reference, params)
         self._expected, self._reference, self._trial = tuple(sorted(expected)), reference, trial
-        self._missing: Counter[str] = Counter()
-        self._skipped: Counter[str] = Counter()
+        self._missing, self._skipped = Counter[str](), Counter[str]()
         self._stamps, self._numbers = array("q"), array("q")
         self._num_complete = 0
 
@@ -133,24 +148,25 @@ class FrameCheck:
         """End the segment where the rig changes."""
         self._count(self._buffer.break_off(change.reason))
 
-    def add(self, recorded: Message, message: Message, usable: Message | Skipped) -> None:
-        """Add one message, as recorded, with the stamp that counts, and as a pipeline would get it."""
+    def add(self, recorded: Message | Tick, message: Message | Tick, usable: Message | Skipped | None) -> None:
+        """Add a message as recorded, restamped, and as a pipeline would get it; instants of boxes lack the latter."""
         self._count(self._buffer.advance(message.log_ns))
-        if message.sensor == self._reference:
-            self._open(recorded, message)
+        if usable is None or message.sensor == self._reference:
+            num = self._buffer.num_frames
+            self._count(self._buffer.open_frame(message))
+            if self._buffer.num_frames > num:
+                self._stamps.append(recorded.stamp_ns)
+                self._numbers.append(-1 if recorded.frame_number is None else recorded.frame_number)
         if isinstance(usable, Skipped):
             self._skipped[usable.sensor] += 1
-        else:
+        elif usable is not None:
             self._count(self._buffer.add(usable))
-
-    def tick(self, tick: Tick) -> None:
-        """Add an instant that boxes give."""
-        self._count(self._buffer.advance(tick.log_ns))
-        self._open(tick, tick)
 
     def flush(self) -> None:
         """Release all frames: the log ends."""
         self._count(self._buffer.flush())
+        if self._trial is not None:
+            self._trial.finish()
 
     @property
     def stamps(self) -> tuple[Int64, Int64]:
@@ -160,26 +176,13 @@ class FrameCheck:
     @property
     def stats(self) -> FrameStats:
         """What was counted."""
-        counts = self._buffer.counts
-        late: dict[str, list[int]] = {name: [] for name in self._expected}
-        for (_, sensor), ms in counts.late_ms.items():
-            late[sensor].append(round(ms * 1e6))
-        rows = []
+        counts, rows = self._buffer.counts, []
         for name in self._expected:
-            median, longest = (quantile(np.array(late[name], np.int64), share) for share in (0.5, 1.0))
-            rows.append(SensorFrames(
-                name, self._missing[name], len(late[name]), min(self._skipped[name], self._missing[name]),
-                None if median is None else median / 1e6, None if longest is None else longest / 1e6,
-                counts.unused[name],
-            ))  # fmt: skip
+            late = np.array([round(ms * 1e6) for (_, s), ms in counts.late_ms.items() if s == name], np.int64)
+            median, longest = (None if (ns := quantile(late, q)) is None else ns / 1e6 for q in (0.5, 1.0))
+            num, skipped = self._missing[name], min(self._skipped[name], self._missing[name])
+            rows.append(SensorFrames(name, num, len(late), skipped, median, longest, counts.unused[name]))
         return FrameStats(len(self._stamps), self._num_complete, tuple(rows), tuple(self._buffer.breaks))
-
-    def _open(self, recorded: Message | Tick, message: Message | Tick) -> None:
-        num = self._buffer.num_frames
-        self._count(self._buffer.open_frame(message))
-        if self._buffer.num_frames > num:
-            self._stamps.append(recorded.stamp_ns)
-            self._numbers.append(-1 if recorded.frame_number is None else recorded.frame_number)
 
     def _count(self, frames: Iterator[Frame]) -> None:
         for frame in frames:
@@ -187,23 +190,3 @@ class FrameCheck:
             self._num_complete += not frame.missing
             if self._trial is not None:
                 self._trial.offer(frame)
-
-
-def missing_findings(trial: Trial, stats: FrameStats, sync: SyncParams) -> Iterator[Finding]:
-    """Say what the pipeline would miss, sensor by sensor."""
-    for s in stats.sensors:
-        never, advice = s.num_missing - s.num_late - s.num_skipped, None
-        parts = [f"{never} never came"] if never > 0 else []
-        parts += [f"{s.num_skipped} unusable"] if s.num_skipped else []
-        if s.late_max_ms is not None:
-            parts.insert(0, f"{s.num_late} late by {s.late_median_ms:.1f} ms (median) to {s.late_max_ms:.1f} ms")
-            wanted = -(-(sync.timeout_ns + round(s.late_max_ms * 1e6)) // 1_000_000)
-            advice = f"--timeout-ms {wanted} would wait for all that were late"
-        severity: Severity | None = None
-        text = f"missing from {s.num_missing} of {stats.num_frames} frames: {', '.join(parts)}"
-        if not trial.uses(s.sensor):
-            text, severity, advice = f"{text}; {trial.name} doesn't use it", "info", "nothing, for this pipeline"
-        if s.num_missing:
-            yield finding("CHK009", s.sensor, text, s.num_missing, severity=severity, advice=advice)
-        if s.num_unused:
-            yield finding("CHK010", s.sensor, f"{s.num_unused} messages are in no frame", s.num_unused)

@@ -1,16 +1,12 @@
-"""Findings about ground truth, and whether its stamps and those of the sensors are of one clock.
-
-A sample of sweeps and boxes is kept while a log is read once; at the end `find_shift` judges it.
-"""
+"""Findings about ground truth, and a sample from which `judge_clock` tells whether its clock is that of a sensor."""
 
 from array import array
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.replay.check.clock_shift import REACH_NS, STEP_NS, Sweep, find_shift, fit_tracks, make_tracks
+from fbench.replay.check.clock_shift import REACH_NS, Sweep, fit_tracks, judge_clock, make_tracks
 from fbench.replay.check.findings import Finding, finding
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
@@ -20,34 +16,30 @@ from fbench.replay.engine.cleaning import Skipped
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.truth.labelling import TOLERANCE_NS, is_real
 
+_OF_BOXES = {"GT003": "have the id of another one of their frame", "GT004": "aren't finite or have no size"}
 
-@dataclass
+
 class TruthCheck:
     """Looks at each message of truth and keeps its stamp."""
 
-    num_boxes: int = 0
-    num_repeated: int = 0
-    num_unreal: int = 0
-    first_repeated: str = ""
-    first_unreal: str = ""
-    _stamps: "array[int]" = field(default_factory=lambda: array("q"))
-    _numbers: "array[int]" = field(default_factory=lambda: array("q"))
+    def __init__(self) -> None:
+        self._stamps, self._numbers = array("q"), array("q")
+        self._num_boxes = 0
+        self._bad: Counter[str] = Counter()  # Boxes by code
+        self._first: dict[str, str] = {}  # Where each code was met first
 
     def add(self, truth: Truth) -> None:
         """Look at one message."""
         self._stamps.append(truth.stamp_ns)
         self._numbers.append(-1 if truth.frame_number is None else truth.frame_number)
-        where = f"stamp {truth.stamp_ns} ns"
         for boxes in (truth.boxes3d, truth.boxes2d):
             if boxes is None:
                 continue
-            self.num_boxes += len(boxes)
-            if repeated := _count_repeated(boxes):
-                self.num_repeated += repeated
-                self.first_repeated = self.first_repeated or where
-            if unreal := int(np.count_nonzero(~is_real(boxes))):
-                self.num_unreal += unreal
-                self.first_unreal = self.first_unreal or where
+            self._num_boxes += len(boxes)
+            for code, num in (("GT003", _count_repeated(boxes)), ("GT004", int(np.count_nonzero(~is_real(boxes))))):
+                if num:
+                    self._bad[code] += num
+                    self._first.setdefault(code, f"stamp {truth.stamp_ns} ns")
 
     @property
     def num_messages(self) -> int:
@@ -60,20 +52,15 @@ class TruthCheck:
 
     def findings(self, stamps: Int64, numbers: Int64) -> Iterator[Finding]:
         """Judge the truth of a log with these frames."""
-        num = self.num_messages
-        if num == 0:
+        if not self._stamps:
             yield finding("GT001", "", "no ground truth", 0)
             return
-        if self.num_repeated:
-            text = f"{self.num_repeated} of {self.num_boxes} boxes have the id of another one of their frame"
-            yield finding("GT003", "truth", text, self.num_repeated, self.first_repeated)
-        if self.num_unreal:
-            text = f"{self.num_unreal} of {self.num_boxes} boxes aren't finite or have no size"
-            yield finding("GT004", "truth", text, self.num_unreal, self.first_unreal)
-        own, own_numbers = np.array(self._stamps, np.int64), np.array(self._numbers, np.int64)
-        lost = np.flatnonzero(~_have_partner(own, own_numbers, stamps, numbers))
+        for code, num in self._bad.items():
+            yield finding(code, "truth", f"{num} of {self._num_boxes} boxes {_OF_BOXES[code]}", num, self._first[code])
+        own = np.array(self._stamps, np.int64)
+        lost = np.flatnonzero(~_have_partner(own, np.array(self._numbers, np.int64), stamps, numbers))
         if len(lost):
-            text = f"{len(lost)} of {num} messages of truth belong to no frame"
+            text = f"{len(lost)} of {len(own)} messages of truth belong to no frame"
             yield finding("GT006", "truth", text, len(lost), f"stamp {int(own[lost[0]])} ns")
 
 
@@ -184,21 +171,10 @@ class TruthClock:
         """Judge each sensor; `offsets_ns` were added to stamps already."""
         tracks = make_tracks(self._truths)
         for name, sweeps in sorted(self._sweeps.items()):
-            found = find_shift([fit for sweep in sweeps for fit in fit_tracks(sweep, tracks)])
-            if found is None:
-                continue
-            text = (
-                f"its points fall onto the truth boxes best with its stamps moved by {found.offset_ns / 1e6:+.0f} ms "
-                f"(standard deviation {max(found.spread_ns, STEP_NS) / 1e6:.0f} ms): of what stands in and around "
-                f"boxes {found.share:.0%} is inside then, {found.share_before:.0%} now ({found.num_tracks} tracks, "
-                f"{found.num_sweeps} sweeps)"
-            )
-            advice = f"try --offset {name}={(offsets_ns.get(name, 0) + found.offset_ns) / 1e6:.0f}"
-            if name == reference:
-                advice = (
-                    f"look at how truth was stamped: frames take their instants from {name}, which --offset can't move"
-                )
-            yield finding("TIM012", name, text, found.num_sweeps, advice=advice)
+            fits = [fit for sweep in sweeps for fit in fit_tracks(sweep, tracks)]
+            found = judge_clock(name, fits, offsets_ns.get(name, 0), is_reference=name == reference)
+            if found is not None:
+                yield found
 
     def _is_kept(self, window: int) -> bool:
         return window % self._stride == 0

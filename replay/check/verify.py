@@ -67,29 +67,16 @@ _AT_ONCE = 2
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What a variant gave."""
-
-    variant: str
-    difference: Difference | None
-
-    @property
-    def identical(self) -> bool:
-        """Whether it gave the same bits as the reference."""
-        return self.difference is None
-
-
-@dataclass(frozen=True)
 class Verified:
     """All that was found."""
 
     digests: Mapping[str, str]  # Of the reference, by stage
-    verdicts: tuple[Verdict, ...]
+    differences: Mapping[str, Difference | None]  # By variant; `None` where it gave the same bits as the reference
 
     @property
     def identical(self) -> bool:
         """Whether all gave the same bits."""
-        return all(verdict.identical for verdict in self.verdicts)
+        return not any(self.differences.values())
 
 
 def verify_in(
@@ -124,10 +111,10 @@ def verify_in(
         steps_ns = (b.stamp_ns - a.stamp_ns for a, b in pairwise(base.run.frames) if a.segment == b.segment)
         others = variants(num_repeats, sum(steps_ns) / 1e9, quick)
         progress(1, len(others) + 1)
-        futures = [pool.submit(children.compare, variant, base) for variant in others]
-        for num, _ in enumerate(as_completed(futures), 2):
+        futures = {variant.name: pool.submit(children.compare, variant, base) for variant in others}
+        for num, _ in enumerate(as_completed(futures.values()), 2):
             progress(num, len(others) + 1)
-        return Verified(base.digests, tuple(future.result() for future in futures))
+        return Verified(base.digests, {name: future.result() for name, future in futures.items()})
 
 
 class _Children:
@@ -140,16 +127,16 @@ class _Children:
     def folder(self, variant: Variant) -> Path:
         return self._folder / "".join(c if c.isalnum() or c in ".-" else "_" for c in variant.name)
 
-    def compare(self, variant: Variant, base: Outcome) -> Verdict:
+    def compare(self, variant: Variant, base: Outcome) -> Difference | None:
         """Replay and compare; a replay that fails where the reference didn't is a difference too."""
         try:
             failed = self.replay(variant)
             if failed is None:
                 other = Outcome(self.folder(variant))
-                return Verdict(variant.name, first_difference(base, other, same_container=variant.form is None))
+                return first_difference(base, other, same_container=variant.form is None)
         except FbenchError as error:
             failed = error
-        return Verdict(variant.name, Difference("replay", f"failed: {failed}"))
+        return Difference("replay", f"failed: {failed}")
 
     def replay(self, variant: Variant) -> FbenchError | None:
         """Replay in a fresh process; returns why it failed."""
@@ -190,9 +177,7 @@ def _make_absolute(pipeline: str) -> str:
 
 @contextmanager
 def workplace(keep: Path | None) -> Iterator[Path]:
-    """Give an empty folder, which goes away unless it is to be kept. Raises ConfigError where the folder to keep isn't
-    empty or can't be made.
-    """
+    """Give an empty folder, temporary or to be kept. Raises ConfigError where that isn't empty or can't be made."""
     if keep is None:
         with tempfile.TemporaryDirectory(prefix="fbench-verify-") as folder:
             yield Path(folder)

@@ -2,10 +2,14 @@
 
 import difflib
 import traceback
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fbench.replay.runs.secrets import without_secrets
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel, ValidationError
 
 EXIT_OK = 0
 EXIT_NO = 1
@@ -112,3 +116,28 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     if near:
         return f"; did you mean '{lower[near[0]]}'?"
     return f"; there are: {', '.join(names)}" if names else "; there are none"
+
+
+def wrong_field(error: "ValidationError") -> tuple[str, str]:
+    """Return the name of the first field that isn't as its model says, empty for the whole, and why."""
+    first = error.errors(include_url=False)[0]
+    return ".".join(map(str, first["loc"])), first["msg"]
+
+
+def first_wrong(error: "ValidationError") -> str:
+    """Return the first field that isn't as its model says, and why: `objects.0.size: Field required`."""
+    return ": ".join(text for text in wrong_field(error) if text)
+
+
+def wrong_key(error: "ValidationError", table_of: Callable[[list[str]], "type[BaseModel]"], hint: str = "") -> str:
+    """Say what is wrong first in a TOML file: `table_of` gives the table of a key that isn't known, for the name that
+    may be meant, and `hint` follows.
+    """
+    found = error.errors(include_url=False)[0]
+    keys = [str(part) for part in found["loc"]]
+    place = ".".join(keys)
+    if found["type"] == "extra_forbidden":
+        return f"'{place}' isn't known{did_you_mean(keys[-1], table_of(keys).model_fields)}{hint}"
+    if found["type"] == "missing":
+        return f"'{place}' is missing"
+    return f"'{place}': {found['msg'].removeprefix('Value error, ')}"

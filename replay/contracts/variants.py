@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, did_you_mean, wrong_key
 from fbench.replay.contracts.settings import apply_settings, names_file
 from fbench.replay.data.files import expand_user, is_file
 from fbench.replay.formats.documents import TomlError, parse_toml
@@ -75,7 +75,8 @@ def parse_variant(content: bytes, where: str, folder: Path | None, group: str = 
     except TomlError as error:
         raise ConfigError(f"{where}: {error}", "CFG003") from error
     except ValidationError as error:
-        raise ConfigError(f"{where}: {_first(error)}", "CFG003") from error
+        hint = "; parameters of the pipeline belong under [parameters]"
+        raise ConfigError(f"{where}: {wrong_key(error, lambda _: _Table, hint)}", "CFG003") from error
     full_name = f"{group}/{table.name}" if group else table.name
     return Variant(full_name, table.title, table.base, tuple(settings.items()), table.sensors, where, folder)
 
@@ -116,17 +117,6 @@ def read_config(path: Path, hint: str, what: str) -> bytes:
     if len(data) > MAX_BYTES:
         raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes, which no {what} needs", "CFG003")
     return data
-
-
-def _first(error: ValidationError) -> str:
-    found = error.errors(include_url=False, include_context=False)[0]
-    keys = [str(part) for part in found["loc"]]
-    if found["type"] == "extra_forbidden":
-        known = did_you_mean(keys[-1], _Table.model_fields)
-        return f"'{keys[-1]}' isn't known{known}; parameters of the pipeline belong under [parameters]"
-    if found["type"] == "missing":
-        return f"'{keys[-1]}' is missing"
-    return f"'{'.'.join(keys)}': {found['msg']}"
 
 
 _BUILT_IN = re.compile(r"[\w.-]+/[\w.-]+")

@@ -8,6 +8,7 @@ import numpy as np
 
 from fbench.replay.data.arrays import text_array
 from fbench.replay.data.boxes import LABELS, Boxes2D, Boxes3D
+from fbench.replay.data.messages import Truth
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 
@@ -70,6 +71,12 @@ class ClassMap:
         if ignored.any():
             columns["ignore"] = ignored if boxes.ignore is None else boxes.ignore | ignored
         return replace(boxes, **columns)
+
+    def label_truth(self, truth: Truth, unknown: Callable[[str], None]) -> Truth:
+        """Label all boxes of a truth; see `apply`."""
+        boxes3d = None if truth.boxes3d is None else self.apply(truth.boxes3d, unknown)
+        boxes2d = None if truth.boxes2d is None else self.apply(truth.boxes2d, unknown)
+        return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
 
 
 def _plain(name: str) -> str:

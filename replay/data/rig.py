@@ -64,6 +64,11 @@ class Rig:
     mounts: Mapping[str, Mount]
     cameras: Mapping[str, CameraModel]
 
+    @property
+    def kinds(self) -> dict[str, Kind]:
+        """Kind of each sensor by its name."""
+        return {name: mount.kind for name, mount in self.mounts.items()}
+
     def body_T_sensor(self, sensor: str) -> Float64:
         """Matrix (4, 4) that moves points from the sensor's to body coordinates."""
         mount = self.mounts[sensor]

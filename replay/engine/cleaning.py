@@ -57,9 +57,7 @@ MAX_RANGE_M = 1000.0  # Points farther away are taken as they are, but no sensor
 
 
 def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
-    """Drop and count non-finite points, clouds mostly of such, images of another size than their camera's, and poses
-    that aren't finite or have no rotation.
-    """
+    """Drop and count non-finite points, clouds mostly of such, images of a wrong size, and poses that are invalid."""
     where = f"{message.sensor} at {message.stamp_ns} ns"
     if isinstance(message, Image):
         camera = rig.cameras.get(message.sensor)

@@ -15,7 +15,7 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import BOXES, Message, Tick
 from fbench.replay.data.metadata import REFERENCE, TIMEOUT_MS
-from fbench.replay.data.rig import Kind, LogInfo, Rig
+from fbench.replay.data.rig import Kind, LogInfo
 
 NOT_THERE = "not there within"
 _REMEMBERED = 16
@@ -49,9 +49,7 @@ class SyncParams:
 def make_sync_params(
     reference: str | None, timeout_ms: float | None, tolerance_ms: float, max_gap_s: float
 ) -> SyncParams:
-    """Read `--reference`, `--timeout-ms` (`None`: not given), `--tolerance-ms` and `--max-gap-s`. Raises ConfigError
-    where a duration isn't a number, or negative.
-    """
+    """Read options; `None`: not given. Raises ConfigError where a duration isn't a number, or negative."""
     durations: list[int] = []
     asked = (("--timeout-ms", timeout_ms, 1e6), ("--tolerance-ms", tolerance_ms, 1e6), ("--max-gap-s", max_gap_s, 1e9))
     for option, value, unit_ns in asked:
@@ -63,27 +61,28 @@ def make_sync_params(
     return SyncParams(reference, timeout_ns, tolerance_ns, max_gap_ns, is_default_timeout=timeout_ms is None)
 
 
-def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], params: SyncParams) -> str:
-    """Return the name of the reference sensor: as asked for, as the log says, else the slowest.
+def choose_reference(kinds: Mapping[str, Kind], info: LogInfo, nums: Mapping[str, int], params: SyncParams) -> str:
+    """Return the name of the reference sensor: as asked for, as the log says, else the slowest. `kinds`: of calibrated
+    sensors by name.
 
-    The slowest is the one with the fewest of `num_messages`; up to a tenth more counts as equally slow, since messages
+    The slowest is the one with the fewest messages (`nums`); up to a tenth more counts as equally slow, since messages
     get lost. Of equally slow ones LiDARs go before cameras before radars, then names decide. Where no sensor has
     messages, boxes give the instants: `BOXES`. Raises ConfigError where the sensor that was asked for isn't in the log.
     Raises LogError where the log has no message of any sensor with calibration.
     """
     logged = info.metadata.get(REFERENCE)
-    wanted = params.reference or (logged if logged in rig.mounts else None)  # it may have been left out
+    wanted = params.reference or (logged if logged in kinds else None)  # it may have been left out
     if wanted is not None:
-        if wanted not in rig.mounts:
-            raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(rig.mounts))}")
+        if wanted not in kinds:
+            raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(kinds))}")
         return wanted
-    heard = {name: num for name in rig.sensors(*_PREFERENCE) if (num := num_messages.get(name, 0))}
-    if not heard and num_messages.get(BOXES):
+    heard = {name: num for name, kind in kinds.items() if kind in _PREFERENCE and (num := nums.get(name, 0))}
+    if not heard and nums.get(BOXES):
         return BOXES
     if not heard:
         raise LogError(f"log '{info.name}' has no messages of a sensor with calibration, so there are no frames")
     slow = [name for name, num in heard.items() if num <= 1.1 * min(heard.values())]
-    return min(slow, key=lambda name: (_PREFERENCE.index(rig.mounts[name].kind), name))
+    return min(slow, key=lambda name: (_PREFERENCE.index(kinds[name]), name))
 
 
 @dataclass
@@ -131,7 +130,7 @@ class _Periods:
         return min(otherwise_ns, (last - first) * 51 // (100 * (num - 1))) if num > 1 and last > first else otherwise_ns
 
 
-@dataclass(frozen=True)
+@dataclass
 class SyncCounts:
     """What became of the messages that are in no frame, and what was late."""
 
@@ -160,15 +159,8 @@ class FrameBuffer:
         self.breaks: list[str] = []  # Why each segment after the first begins
         self._last_stamp_ns: int | None = None
         self._periods = _Periods()
-        self._late_ms: dict[tuple[int, str], float] = {}
-        self._unused: dict[str, int] = dict.fromkeys(self._expected, 0)
-        self._disordered = 0
+        self.counts = SyncCounts({}, dict.fromkeys(self._expected, 0), 0)  # What was late or unused so far
         self._is_numbered = False  # Whether frames have numbers, all of them or some
-
-    @property
-    def counts(self) -> SyncCounts:
-        """What was late or unused so far."""
-        return SyncCounts(dict(self._late_ms), dict(self._unused), self._disordered)
 
     def open_frame(self, message: Message | Tick) -> Iterator[Frame]:
         """Open the frame at the instant of a message of the reference sensor, as recorded. Yields the frames of the
@@ -182,7 +174,7 @@ class FrameBuffer:
         elif -step_ns > self._params.max_jump_ns:
             yield from self.break_off(f"clock jumps back by {-step_ns / 1e9:.3f} s")
         elif step_ns <= 0:
-            self._disordered += 1
+            self.counts.disordered += 1
             return
         self._last_stamp_ns = stamp
         self._periods.note(self._reference, stamp)
@@ -198,7 +190,7 @@ class FrameBuffer:
             elif early.stamp_ns > stamp or (early.frame_number is not None and frame.number is None):
                 self._pending.append(early)
             else:
-                self._unused[early.sensor] += 1
+                self.counts.unused[early.sensor] += 1
 
     def break_off(self, why: str) -> Iterator[Frame]:
         """Release all frames and begin a new segment with the next one, where there were frames already."""
@@ -210,7 +202,7 @@ class FrameBuffer:
 
     def add(self, message: Message) -> Iterator[Frame]:
         """Put a message into its frame, or keep it until that opens, but not for longer than a segment can pause."""
-        if message.sensor not in self._unused:
+        if message.sensor not in self.counts.unused:
             return
         yield from self.advance(message.log_ns)
         if message.sensor != self._reference:
@@ -221,7 +213,7 @@ class FrameBuffer:
         elif not self._is_late(message):
             oldest = message.log_ns - self._params.max_gap_ns
             for old in [m for m in self._pending if m.log_ns < oldest]:
-                self._unused[old.sensor] += 1
+                self.counts.unused[old.sensor] += 1
             self._pending = [*(m for m in self._pending if m.log_ns >= oldest), message]
         yield from self.advance(message.log_ns)
 
@@ -237,7 +229,7 @@ class FrameBuffer:
         """Release all frames: the log ends."""
         yield from self._release_all()
         for message in self._pending:
-            self._unused[message.sensor] += 1
+            self.counts.unused[message.sensor] += 1
         self._pending = []
 
     def _release_all(self) -> Iterator[Frame]:
@@ -249,9 +241,8 @@ class FrameBuffer:
         return min(arrivals, default=frame.opened_ns) + self._params.timeout_ns
 
     def _distance_ns(self, message: Message, frame: _Open | _Released) -> int | None:
-        """How far a message is from a frame's instant, or `None` where it doesn't belong there. Of frames of which only
-        some have numbers, as keyframes do, a message with a number belongs to no other.
-        """
+        """How far a message is from a frame's instant, or `None` where it doesn't belong there."""
+        # Where only some frames have numbers, as keyframes do, a message with a number belongs to no other.
         if message.frame_number is not None and (frame.number is not None or self._is_numbered):
             return 0 if message.frame_number == frame.number else None
         distance = abs(message.stamp_ns - frame.stamp_ns)
@@ -262,7 +253,7 @@ class FrameBuffer:
         """Take the message; of two of one sensor that with the frame's number stays, else the nearer or earlier one."""
         other = frame.messages.setdefault(message.sensor, message)
         if other is not message:
-            self._unused[message.sensor] += 1
+            self.counts.unused[message.sensor] += 1
             if frame.rank(message) < frame.rank(other):
                 frame.messages[message.sensor] = message
 
@@ -271,10 +262,10 @@ class FrameBuffer:
         for frame in reversed(self._released):
             if self._distance_ns(message, frame) is not None:
                 key = (frame.frame, message.sensor)
-                if message.sensor in frame.absent and key not in self._late_ms:
-                    self._late_ms[key] = max(0, message.log_ns - frame.deadline_ns) / 1e6
+                if message.sensor in frame.absent and key not in self.counts.late_ms:
+                    self.counts.late_ms[key] = max(0, message.log_ns - frame.deadline_ns) / 1e6
                 else:
-                    self._unused[message.sensor] += 1
+                    self.counts.unused[message.sensor] += 1
                 return True
         return False
 

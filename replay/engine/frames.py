@@ -10,7 +10,7 @@ from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import Rig, RigChange
 from fbench.replay.engine.cleaning import Skipped, SkippedMessages, clean
-from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import FrameBuffer, SyncParams, choose_reference
 from fbench.replay.engine.poses import FramePoses
@@ -32,7 +32,7 @@ class FrameStream:
         sync: SyncParams,
         stamps: StampParams,
         excerpt: Excerpt,
-        clock: VirtualClock,
+        clock: Clock,
         faults: FaultLog,
         sensors: Sequence[str] = (),
         max_between_ns: int = 0,
@@ -47,7 +47,7 @@ class FrameStream:
         self._stamps, self._excerpt, self._clock, self._faults = stamps, excerpt, clock, faults
         self.sync = sync = sync.complete_from(reader.info)
         self._max_between_ns = max_between_ns
-        self.reference = choose_reference(whole, reader.info, reader.num_messages, sync)
+        self.reference = choose_reference(whole.kinds, reader.info, reader.num_messages, sync)
         self._known = (*names, *reader.poses)
         stamps.require_known(self._known)
         self.buffer = FrameBuffer((*chosen, *reader.poses), self.reference, sync)
@@ -55,7 +55,7 @@ class FrameStream:
         self.digest = Digest()  # Of all messages and truth that were read
         self._start_ns: int | None = None
         self._num_released = 0
-        self._stop, self._waits = excerpt.stop, excerpt.is_whole
+        self._stop, self._is_pacing = excerpt.stop, excerpt.is_whole
         self._instants: list[Instant] = []
         self.poses = FramePoses(min(reader.poses, default=None))  # Of all frames that were opened
         self.skipped = SkippedMessages(sync.tolerance_ns)
@@ -111,9 +111,9 @@ class FrameStream:
                 yield from self._take(recorded, self._stamps.restamp(recorded))
             if self._stop is not None and self._num_released >= self._stop:
                 self.is_cut = True
-                self.poses.finish()
-                return
-        yield from self.buffer.flush()
+                break
+        else:
+            yield from self.buffer.flush()
         self.poses.finish()
 
     def _take(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
@@ -126,7 +126,7 @@ class FrameStream:
             self.poses.add(message)
         if message.sensor == self.reference:
             yield from self._open(recorded, message)
-        if self._waits:
+        if self._is_pacing:
             self._clock.wait_until(message.log_ns)
         if isinstance(message, Tick) or message.sensor in self._left_out:
             return
@@ -147,11 +147,11 @@ class FrameStream:
         stamp_ns = message.stamp_ns
         start_ns = stamp_ns if self._start_ns is None else self._start_ns
         chosen = self._excerpt.has(index, stamp_ns, start_ns)
-        if self._waits and self._excerpt.is_past(index, stamp_ns, start_ns):
+        if self._is_pacing and self._excerpt.is_past(index, stamp_ns, start_ns):
             self._stop = index if self._stop is None else min(index, self._stop)
         self._instants.append(Instant(index, recorded.stamp_ns, recorded.frame_number, chosen, buffer.segment))
         self.poses.open(index, stamp_ns)
-        self._waits = self._waits or chosen
+        self._is_pacing = self._is_pacing or chosen
 
     def _truths(self, reader: Reader) -> Iterator[Truth]:
         last_ns = max((instant.stamp_ns for instant in self._instants), default=0)

@@ -17,9 +17,9 @@ from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
 from fbench.replay.data.boxes import finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.engine.cleaning import OutputCheck
-from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.engine.frame_buffer import NOT_THERE, SyncCounts, SyncParams
+from fbench.replay.engine.frame_buffer import NOT_THERE, SyncParams
 from fbench.replay.engine.frames import FrameStream
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs import manifest
@@ -51,7 +51,7 @@ class Plan:
     truth: manifest.TruthEntry | None = None  # The file that truth comes from, for the manifest
     max_between_ns: int = 0
     """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
-    clock: VirtualClock = field(default_factory=VirtualClock)
+    clock: Clock = field(default_factory=Clock)
     budget: FaultBudget = field(default_factory=FaultBudget)
     """So much data may be lost without the run being incomplete."""
     redact: bool = False  # Leave out of the run what tells whose log it is; see `redact`
@@ -187,7 +187,7 @@ class _Loop:
         counts = self.stream.buffer.counts
         if counts.disordered:
             self._faults.add("TIM001", self.stream.reference, counts.disordered)
-        self._writer.explain_missing(lambda record: self._explain(record, counts))
+        self._writer.explain_missing(self._explain)
         rows = self._faults.rows()
         if self._plan.redact:
             self._writer.explain_missing(redact_record)
@@ -196,20 +196,18 @@ class _Loop:
         faults = {"lost": self._faults.lost, "late_messages": counts.late, "unused_messages": counts.unused}
         self._writer.write_json("faults.json", {**faults, "rows": rows})
 
-    def _explain(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
-        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never. What comes too
-        late behind the end of an excerpt isn't read, so there 'never' can't be said.
-        """
+    def _explain(self, record: FrameRecord) -> FrameRecord:
+        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never."""
         missing: dict[str, str] = {}
         for sensor, reason in record.missing.items():
-            late_ms = counts.late_ms.get((record.index, sensor))
+            late_ms = self.stream.buffer.counts.late_ms.get((record.index, sensor))
             if late_ms is not None:
                 missing[sensor] = f"late by {late_ms:.1f} ms"
             elif not reason.startswith(NOT_THERE):
                 missing[sensor] = reason
             elif skipped := self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number):
                 missing[sensor] = f"skipped: {skipped}"
-            else:
+            else:  # what comes too late behind the end of an excerpt isn't read, so 'never' can't be said
                 missing[sensor] = reason if self.stream.is_cut else "never came"
         return replace(record, missing=missing)
 

@@ -104,10 +104,8 @@ def _near(pose: Pose, stamp_ns: int) -> Float64:
 
 def pose_between(before: Pose, after: Pose, stamp_ns: int) -> Float64:
     """Seven numbers at a stamp between those of two poses; NaN where they are too far apart."""
-    if after.stamp_ns - before.stamp_ns > MAX_BETWEEN_NS:
+    if after.stamp_ns - before.stamp_ns > MAX_BETWEEN_NS or stamp_ns in (before.stamp_ns, after.stamp_ns):
         return _near(min(before, after, key=lambda p: abs(p.stamp_ns - stamp_ns)), stamp_ns)
-    if stamp_ns in (before.stamp_ns, after.stamp_ns):
-        return _near(before if stamp_ns == before.stamp_ns else after, stamp_ns)
     share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
     turn = Slerp([0.0, 1.0], Rotation.from_quat([before.rotation_xyzw, after.rotation_xyzw]))
     return np.concatenate([(1 - share) * before.translation_m + share * after.translation_m, turn(share).as_quat()])

@@ -6,8 +6,8 @@ message is delivered, and what was read but never delivered was never met.
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import fields
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -17,9 +17,8 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.contracts.protocols import Reader
 from fbench.replay.data.messages import Message, Tick, Truth
-from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.data.rig import RigChange
 
-T = TypeVar("T")
 R = TypeVar("R", bound=Message | RigChange | Tick)
 
 DEFAULT = 4  # Messages: reading takes a few percent of a replay, and more than these hide no more of it
@@ -45,14 +44,11 @@ def open_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: 
         yield open_log(faults)
         return
     staged = StagedFaults()
-    try:
+    with ExitStack() as ends:
+        ends.callback(staged.pass_to, faults)
         ahead = _AheadReader(open_log(staged), staged, faults, limit)
-        try:
-            yield ahead
-        finally:
-            ahead.stop()
-    finally:
-        staged.pass_to(faults)
+        ends.callback(ahead.stop)
+        yield ahead
 
 
 class _Item(NamedTuple, Generic[R]):
@@ -111,21 +107,12 @@ class _AheadReader:
         self._reader, self._staged, self._faults, self._limit = reader, staged, faults, limit
         self._running: tuple[threading.Thread, _Queue[Any]] | None = None
 
-    @property
-    def info(self) -> LogInfo:
-        return self._describe(self._reader.info)
-
-    @property
-    def rig(self) -> Rig:
-        return self._describe(self._reader.rig)
-
-    @property
-    def num_messages(self) -> Mapping[str, int]:
-        return self._describe(self._reader.num_messages)
-
-    @property
-    def poses(self) -> tuple[str, ...]:
-        return self._describe(self._reader.poses)
+    def __getattr__(self, name: str) -> Any:
+        """What the reader says of its log, with the faults that it met on the way, unless the thread uses it."""
+        value = getattr(self._reader, name)
+        if self._running is None:
+            self._staged.pass_to(self._faults)
+        return value
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All messages of the log, read by a thread that ends with the iteration."""
@@ -169,11 +156,6 @@ class _AheadReader:
         queue.close()
         thread.join()
         self._staged.clear()
-
-    def _describe(self, value: T) -> T:
-        if self._running is None:
-            self._staged.pass_to(self._faults)
-        return value
 
     def _read(self, queue: _Queue[R], messages: Callable[[], Iterator[R]]) -> None:
         end: BaseException | None = None

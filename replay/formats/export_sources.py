@@ -11,7 +11,7 @@ from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, Source
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import KINDS, Kind, Rig
-from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frames import FrameStream
 from fbench.replay.engine.poses import FramePoses, pose_of
@@ -79,7 +79,7 @@ def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog)
     """Match boxes with frames as a replay would; what belongs to none is counted as GT006."""
     reader = source.open(faults)
     sync = source.sync(None, None, None, None)
-    stream = FrameStream(reader, sync, StampParams(), Excerpt(), VirtualClock(), faults)
+    stream = FrameStream(reader, sync, StampParams(), Excerpt(), Clock(), faults)
     frames = [(Instant(f.index, f.stamp_ns, f.frame_number, is_chosen=True), f.segment) for f in stream.frames(reader)]
     stream.require_frames(reader.info.name)
     rows = []

@@ -31,7 +31,7 @@ class LogHeader:
 
 def header_of(info: LogInfo, rig: Rig) -> LogHeader:
     """Return what a log with this rig says about itself."""
-    return LogHeader(info.log_id, info.metadata, {name: mount.kind for name, mount in rig.mounts.items()})
+    return LogHeader(info.log_id, info.metadata, rig.kinds)
 
 
 def header_record(about: LogHeader) -> dict[str, str]:

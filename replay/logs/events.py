@@ -88,10 +88,7 @@ class EventDecoder:
             if where:
                 self._container.once("GT007", (where, name), f"{where}: '{name}'")
 
-        apply = ClassMap(self._setup.classes).apply
-        boxes3d = None if truth.boxes3d is None else apply(truth.boxes3d, count)
-        boxes2d = None if truth.boxes2d is None else apply(truth.boxes2d, count)
-        return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
+        return ClassMap(self._setup.classes).label_truth(truth, count)
 
     def _of_body(self, pose: Pose, child: str) -> Pose:
         """Where the body is, from the pose of a coordinate frame that is fixed to it."""

@@ -26,7 +26,7 @@ def partial_rig(reader: LogReader) -> PartialRig:
         rig = reader.rig
     except LogError as error:
         return _search_parts(reader, heard, _describe(reader, error))
-    kinds = dict(sorted({**{name: mount.kind for name, mount in rig.mounts.items()}, **heard}.items()))
+    kinds = dict(sorted({**rig.kinds, **heard}.items()))
     problems: dict[str, str] = {}
     for name, kind in kinds.items():
         if name not in rig.mounts:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, did_you_mean, wrong_key
 from fbench.replay.contracts.variants import read_config
 from fbench.replay.data.boxes import LABELS
 from fbench.replay.data.classes import IGNORE
@@ -105,26 +105,12 @@ def load_config(path: Path) -> Config:
     except TomlError as error:
         raise ConfigError(f"{path}: not TOML: {error}", "CFG003") from error
     except ValidationError as error:
-        raise ConfigError(f"{path}: {_describe_first(error)}", "CFG003") from error
-
-
-def _describe_first(error: ValidationError) -> str:
-    found = error.errors(include_url=False, include_context=False)[0]
-    keys = [str(part) for part in found["loc"]]
-    place = ".".join(keys)
-    if found["type"] == "extra_forbidden":
-        table = Config if len(keys) == 1 else _TABLES.get(keys[0], Config)
-        return f"'{place}' isn't known{did_you_mean(keys[-1], list(table.model_fields))}"
-    if found["type"] == "missing":
-        return f"'{place}' is missing"
-    text = found["msg"].removeprefix("Value error, ")
-    return f"'{place}': {text}"
+        why = wrong_key(error, lambda keys: Config if len(keys) == 1 else _TABLES.get(keys[0], Config))
+        raise ConfigError(f"{path}: {why}", "CFG003") from error
 
 
 def setup_of(config: Config, path: Path) -> Setup:
-    """Return what a configuration that was read from `path` says about a log. Raises ConfigError where a file that it
-    names is missing, damaged, or lies outside of its folder.
-    """
+    """Return what a configuration, read from `path`, says of a log. Raises ConfigError for files that can't be used."""
     patch = RigPatch()
     for name in config.body.rig:
         patch = patch.over(open_rig_file(inside(path, name)))
@@ -173,12 +159,10 @@ def _is_inside(folder: Path, path: Path) -> bool:
 
 
 def config_place(log: Path) -> Path:
-    """Return where the configuration of a log belongs: in a folder of parts or of rosbag2, else beside the log. A
-    Parquet folder holds what its `log.json` lists and nothing else.
-    """
+    """Return where the configuration of a log belongs: in a folder of parts or of rosbag2, else beside the log."""
     if log.name in ("log.json", "metadata.yaml"):
         log = log.parent
-    inside = log.is_dir() and not (log / "log.json").is_file()
+    inside = log.is_dir() and not (log / "log.json").is_file()  # Parquet holds what that lists, and nothing else
     return log / NAME if inside else log.parent / NAME
 
 

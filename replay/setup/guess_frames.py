@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import FbenchError
 from fbench.replay.data.arrays import Int64
-from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.data.rig import LogInfo
 from fbench.replay.engine.frame_buffer import SyncParams, choose_reference
 from fbench.replay.logs.setup import MAX_SKEW_NS
 from fbench.replay.setup.guess_sensors import Candidate
@@ -18,15 +18,14 @@ from fbench.replay.setup.inspection import Line, Table, median_step
 class Clocks:
     """How the stamps of the sample have to be read."""
 
-    use_log: bool = False
-    why: str = ""
+    log_why: str = ""  # Why log times are used; empty: stamps are
     offsets_ms: Mapping[str, float] = field(default_factory=dict)  # Added to the stamps of a sensor
     notes: Mapping[str, str] = field(default_factory=dict)  # What is odd about the stamps of a sensor
 
     def stamps_ns(self, sensor: Candidate) -> Int64:
         """Stamps of the sample that count (N,)."""
         offset_ns = round(self.offsets_ms.get(sensor.name, 0.0) * 1e6)
-        stamps = [s.log_ns if self.use_log or not s.stamp_ns else s.stamp_ns for s in sensor.sampled.samples]
+        stamps = [s.log_ns if self.log_why or not s.stamp_ns else s.stamp_ns for s in sensor.sampled.samples]
         return np.array(stamps, np.int64) + offset_ns
 
 
@@ -38,7 +37,7 @@ def guess_clocks(sensors: Sequence[Candidate], reference: str) -> Clocks:
     zero = [name for name, values in skews.items() if not values]
     skews = {name: values for name, values in skews.items() if values}
     if zero and not skews:
-        return Clocks(True, "no message has a stamp: recording times are used")
+        return Clocks("no message has a stamp: recording times are used")
     middle = {name: int(np.median(np.array(values, np.int64))) for name, values in skews.items()}
     notes = dict.fromkeys(zero, "its messages have no stamps: recording times are used")
     drifting = [name for name, values in skews.items() if max(values) - min(values) > MAX_SKEW_NS]
@@ -51,7 +50,7 @@ def guess_clocks(sensors: Sequence[Candidate], reference: str) -> Clocks:
     elif zero and any(abs(skew) > MAX_SKEW_NS for skew in middle.values()):
         why = f"stamps don't come from the recording clock, and {without} has no stamps"
     if why or reference not in middle:
-        return Clocks(bool(why), why, notes=notes)
+        return Clocks(why, notes=notes)
     # Sensors whose stamps are far from the times of recording are moved to the others; else to the reference.
     near = {name: skew for name, skew in middle.items() if abs(skew) <= MAX_SKEW_NS}
     target = middle[reference] if reference in near or not near else int(np.median(list(near.values())))
@@ -67,16 +66,14 @@ _MAX_TIMEOUT_MS = 1000.0
 
 def guess_reference(sensors: Sequence[Candidate], metadata: Mapping[str, str]) -> Line:
     """Choose the sensor whose stamps are the instants, as a replay would."""
-    mounts = {s.name: Mount(s.kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for s in sensors}
-    nums = {s.name: s.sampled.num_messages for s in sensors}
+    kinds, nums = {s.name: s.kind for s in sensors}, {s.name: s.sampled.num_messages for s in sensors}
     try:
-        name = choose_reference(Rig(mounts, {}), LogInfo("", "", metadata), nums, SyncParams())
+        name = choose_reference(kinds, LogInfo("", "", metadata), nums, SyncParams())
     except FbenchError:
         return Line("reference", sensors[0].name, "no sensor has messages", is_guess=True)
     if metadata.get("reference") == name:
         return Line("reference", name, "from the log's metadata")
-    kind = next(s.kind for s in sensors if s.name == name)
-    equals = [s for s in sensors if s.kind == kind and 0 < nums[s.name] <= 1.1 * nums[name]]
+    equals = [s for s in sensors if s.kind == kinds[name] and 0 < nums[s.name] <= 1.1 * nums[name]]
     best = min(equals, key=lambda s: (-(s.sampled.median_points or 0), s.name))
     rate = best.sampled.rate_text or "rate unknown"
     what = f"the slowest, {rate}; ties: LiDAR, camera, radar, then the most points"
@@ -97,8 +94,8 @@ def frames_table(sensors: Sequence[Candidate], reference: Line, clocks: Clocks) 
     lines = [reference, _timeout_line(chosen, others, clocks, period_ns), tolerance]
     if period_ns is not None and 2 * period_ns > _DEFAULT.max_gap_ns:
         lines.append(Line("max_gap_s", round(4 * period_ns / 1e9, 1), "four periods of the reference", is_guess=True))
-    if clocks.use_log:
-        lines.append(Line("stamps", "log", clocks.why, is_guess=True))
+    if clocks.log_why:
+        lines.append(Line("stamps", "log", clocks.log_why, is_guess=True))
     return Table(("frames",), tuple(lines))
 
 
@@ -120,9 +117,7 @@ def _timeout_line(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks
 
 
 def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, tolerance_ns: int) -> tuple[Int64, int]:
-    """How long after the reference the last sensor came [ns], for each frame that has all; and how many there are.
-    Instants at the borders of a window, where messages lie outside, don't count.
-    """
+    """How long after the reference the last sensor came [ns], in frames that have all; and the number of frames."""
     waits: list[int] = []
     num = 0
     for window in sorted({s.window for s in chosen.sampled.samples}):
@@ -139,7 +134,7 @@ def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, to
             nearest = np.where(np.abs(theirs[left] - stamps) <= np.abs(theirs[right] - stamps), left, right)
             known &= np.abs(theirs[nearest] - stamps) <= tolerance_ns
             last = np.maximum(last, arrived[nearest])
-        num += int(np.count_nonzero(inside))
+        num += int(np.count_nonzero(inside))  # not those at the borders of a window, where messages lie outside
         waits += (last - logs)[known & inside].tolist()
     return np.array(waits, np.int64), num
 

@@ -1,7 +1,8 @@
 """Guesses about radars: the sign of radial velocities, ego motion and ambiguity."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,13 +31,6 @@ _SURELY_MOVING_MPS = 3.0
 _STILL_MPS = 0.2
 
 
-@dataclass(frozen=True)
-class _Vote:
-    window: int
-    ahead_mps: float  # What the scan says of things straight ahead that stand still, with the sign of its numbers
-    is_still: bool
-
-
 def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | None) -> dict[str, tuple[Line, ...]]:
     """Guess for each radar, by name, from the scans of the sample.
 
@@ -47,20 +41,15 @@ def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | 
     """
     radars = [s for s in sensors if s.kind == "radar" and s.name in rig.mounts and _measures_velocity(s)]
     votes = {s.name: _cast_votes(s, rig) for s in radars}
-    by_window: dict[int, list[Pose]] = {}
+    by_window = defaultdict[int, list[Pose]](list)
     for sample in () if poses is None else poses.samples:
         if sample.pose is not None:
-            by_window.setdefault(sample.window, []).append(sample.pose)
+            by_window[sample.window].append(sample.pose)
     speeds = {window: speed for window, own in by_window.items() if (speed := forward_speed(own)) is not None}
     found: dict[str, tuple[Line, ...]] = {}
     for s in radars:
-        others = {
-            v.window
-            for name, cast in votes.items()
-            for v in cast
-            if name != s.name and not v.is_still and abs(v.ahead_mps) > _SURELY_MOVING_MPS
-        }
-        moving = others | {window for window, speed in speeds.items() if abs(speed) > _SURELY_MOVING_MPS}
+        others = [vote for name, cast in votes.items() if name != s.name for vote in cast]
+        moving = {window for window, speed in (*others, *speeds.items()) if abs(speed) > _SURELY_MOVING_MPS}
         lines = _decide(votes[s.name], len(_scans(s)), moving, speeds)
         found[s.name] = tuple(map(_compare_with_own, lines)) if s.is_own else lines
     return found
@@ -84,8 +73,10 @@ def _compare_with_own(line: Line) -> Line:
     return Line(line.key, meant, f"as in all logs that fbench writes, but {line.why}: {line.value}", is_guess=True)
 
 
-def _cast_votes(radar: Candidate, rig: Rig) -> list[_Vote]:
-    """Fit the motion of each scan as if its velocities were positive when receding and unambiguous."""
+def _cast_votes(radar: Candidate, rig: Rig) -> list[tuple[int, float]]:
+    """Fit the motion of each scan as if its velocities were positive when receding and unambiguous. Return its window
+    and what it says of things straight ahead that stand still [m/s], with the sign of its numbers; 0: no motion.
+    """
     rotation = rig.body_T_sensor(radar.name)[:3, :3]
     votes = []
     for sample in radar.sampled.samples:
@@ -101,15 +92,17 @@ def _cast_votes(radar: Candidate, rig: Rig) -> list[_Vote]:
             continue
         ahead_mps = -float(fit.velocity_mps[0])
         if abs(ahead_mps) > _MOVING_MPS:
-            votes.append(_Vote(sample.window, ahead_mps, False))
+            votes.append((sample.window, ahead_mps))
         elif abs(ahead_mps) < _STILL_MPS and fit.share >= _STILL_SHARE:
-            votes.append(_Vote(sample.window, 0.0, True))
+            votes.append((sample.window, 0.0))
     return votes
 
 
-def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Mapping[int, float]) -> tuple[Line, ...]:
-    included = [v for v in votes if not v.is_still]
-    free = [v for v in votes if v.is_still and v.window in moving]
+def _decide(
+    votes: Sequence[tuple[int, float]], num_scans: int, moving: set[int], speeds: Mapping[int, float]
+) -> tuple[Line, ...]:
+    included = [vote for vote in votes if vote[1]]
+    free = [window for window, ahead_mps in votes if not ahead_mps and window in moving]
     if len(free) > len(included):
         why = f"{len(free)} of {num_scans} scans show no motion while other sensors say that the vehicle moves"
         return (
@@ -117,15 +110,14 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
             Line("ego_motion", "removed", why, is_guess=len(free) < 3),
         )
     if not included:
-        why = f"none of {num_scans} scans shows a motion clearly"
-        if votes:
-            why = "the vehicle hardly moves in the sampled scans"
+        unclear = f"none of {num_scans} scans shows a motion clearly"
+        why = "the vehicle hardly moves in the sampled scans" if votes else unclear
         return Line("doppler", "receding", why, is_guess=True), Line("ego_motion", "included", why, is_guess=True)
     # Things ahead recede only from a vehicle that reverses.
-    receding = [(v.ahead_mps < 0) != (speeds.get(v.window, 1.0) < -1.0) for v in included]
+    receding = [(ahead_mps < 0) != (speeds.get(window, 1.0) < -1.0) for window, ahead_mps in included]
     sign = "receding" if 2 * sum(receding) >= len(receding) else "approaching"
     num = max(sum(receding), len(receding) - sum(receding))
-    speed = float(np.median([abs(v.ahead_mps) for v in included]))
+    speed = float(np.median([abs(ahead_mps) for _, ahead_mps in included]))
     is_clear = num >= 3 and num >= 0.8 * len(included) and len(included) >= 0.3 * num_scans
     backed = "poses say so" if speeds else "assuming that it drives forward"
     why = f"{num} of {num_scans} scans fit a vehicle at {speed:.1f} m/s, {backed}"
@@ -141,20 +133,15 @@ _MAX_SKEW = 0.05
 _MAX_BINS = 4096
 
 
-def period_lines(sensors: Sequence[Candidate]) -> dict[str, Line]:
-    """Guess the period of each radar, by name, whose velocities wrap around. Velocities thin out towards the fastest
-    that was seen. Where they fill a range around zero up to both of its ends instead, what was faster has come in again
-    at the other end.
+def period_line(radar: Candidate) -> Line | None:
+    """Guess the period of a radar's velocities where they wrap around. They thin out towards the fastest that was seen.
+    Where they fill a range around zero up to both of its ends instead, what was faster has come in again at the other
+    end.
     """
-    found = {s.name: _period_line(s) for s in sensors if s.kind == "radar" and not s.is_own}
-    return {name: line for name, line in found.items() if line is not None}
-
-
-def _period_line(radar: Candidate) -> Line | None:
     columns = [scan.radial_velocity_mps for scan in _scans(radar)]
     velocity = np.concatenate([np.zeros(0), *(column for column in columns if column is not None)])
     velocity = velocity[np.isfinite(velocity)]
-    if len(velocity) < _MIN_ECHOES:
+    if radar.is_own or len(velocity) < _MIN_ECHOES:
         return None
     low, high = float(velocity.min()), float(velocity.max())
     span = high - low

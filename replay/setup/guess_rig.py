@@ -67,9 +67,7 @@ def _guess_frame(container: Container, roles: Mapping[int, Role], sensors: Seque
 
 
 def guess_pose(log: Inspection, body: Body) -> tuple[SampledTopic | None, tuple[Line, ...]]:
-    """Take the topic with the highest rate of those that give the body's own pose, else of all; and what is said about
-    it and the others.
-    """
+    """The topic with the highest rate of those with the body's own pose, else of all; and lines about it and others."""
     found = [t for t in log.topics if t.role.kind in ("pose", "odometry") and any(s.pose for s in t.samples)]
     found = [t for t in found if t.num_messages]
     if not found:
@@ -99,29 +97,20 @@ _TRIES = 3
 _TRANSPORTS = ("compressed", "theora", "ffmpeg", "raw")  # Below the topic of an image
 
 
-@dataclass(frozen=True, eq=False)
-class Intrinsics:
-    """What a topic with calibration says."""
-
-    topic: str
-    frame: str
-    model: CameraModel
-
-
-def read_intrinsics(container: Container, roles: Mapping[int, Role]) -> tuple[Intrinsics, ...]:
-    """Read the first calibration of each topic that other programs wrote."""
-    found: dict[str, Intrinsics] = {}
+def read_intrinsics(container: Container, roles: Mapping[int, Role]) -> dict[str, tuple[str, CameraModel]]:
+    """Read the first calibration of each topic that other programs wrote: coordinate frame and intrinsics by topic."""
+    found: dict[str, tuple[str, CameraModel]] = {}
     for id_, role in sorted(roles.items()):
         if role.kind == "calibration" and not role.is_own and role.codec is not None and role.topic not in found:
             for entry in islice(container.entries(frozenset([id_])), _TRIES):
                 with suppress(DecodeError, DataError):
                     if isinstance(entry.data, memoryview):
-                        found[role.topic] = Intrinsics(role.topic, *role.codec.calibration(entry.data))
+                        found[role.topic] = role.codec.calibration(entry.data)
                         break
-    return tuple(intrinsics for _, intrinsics in sorted(found.items()))
+    return found
 
 
-def calibration_line(camera: Candidate, known: Sequence[Intrinsics]) -> Line | None:
+def calibration_line(camera: Candidate, known: Mapping[str, tuple[str, CameraModel]]) -> Line | None:
     """Name the topic with the calibration of a camera; `None` where the log has none for it, or says so itself."""
     sampled = camera.sampled
     if camera.is_own:
@@ -129,24 +118,24 @@ def calibration_line(camera: Candidate, known: Sequence[Intrinsics]) -> Line | N
     folder, _, last = sampled.topic.rpartition("/")
     # `image_raw/compressed` lies one deeper than its `camera_info`.
     for namespace in (folder, folder.rpartition("/")[0]) if last in _TRANSPORTS else (folder,):
-        near = [i for i in known if i.topic.rpartition("/")[0] == namespace]
+        near = [topic for topic in known if topic.rpartition("/")[0] == namespace]
         if near:
-            best = min(near, key=lambda i: (not i.topic.endswith("/camera_info"), i.topic))
+            best = min(near, key=lambda topic: (not topic.endswith("/camera_info"), topic))
             why, is_guess = "in the same namespace", len(near) > 1
             break
     else:
         frame = sampled.role.frame_id
-        same = [i for i in known if frame and i.frame == frame]
+        same = [topic for topic, (its_frame, _) in known.items() if frame and its_frame == frame]
         if not same:
             return None
-        best = min(same, key=lambda i: (_distance(i.topic, sampled.topic), i.topic))
+        best = min(same, key=lambda topic: (_distance(topic, sampled.topic), topic))
         why, is_guess = f"of the same coordinate frame, '{frame}'", len(same) > 1
-    size, calibrated, wrong = sampled.size_wh, best.model.size_wh, ""
-    if size is not None and size != calibrated:
-        wrong = f"; but it is for {calibrated[0]}x{calibrated[1]} px, images have {size[0]}x{size[1]}"
-    elif "rect" in sampled.topic.lower() and best.model.distortion.any():
+    size, (_, model), wrong = sampled.size_wh, known[best], ""
+    if size is not None and size != model.size_wh:
+        wrong = f"; but it is for {model.size_wh[0]}x{model.size_wh[1]} px, images have {size[0]}x{size[1]}"
+    elif "rect" in sampled.topic.lower() and model.distortion.any():
         wrong = "; but images are rectified, and its K and distortion are for images that aren't"
-    return Line("calibration", best.topic, why + wrong, is_guess=is_guess or bool(wrong))
+    return Line("calibration", best, why + wrong, is_guess=is_guess or bool(wrong))
 
 
 def _distance(a: str, b: str) -> int:

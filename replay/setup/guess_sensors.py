@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import chain, count, groupby
 
 from fbench.replay.data.rig import KINDS, Kind
 from fbench.replay.logs.codecs.points import DOPPLER_FIELDS, RING_FIELDS, VECTOR_FIELDS
@@ -44,30 +44,23 @@ def _stem(parts: Sequence[str]) -> str:
 
 
 def name_sensors(kinds: Mapping[str, str], stems: Mapping[str, str]) -> dict[str, str]:
-    """Return a name for the sensor of each topic: short, unique, the same for the same topics. `kinds` are the kinds of
-    sensor by topic; `stems`: see `find_stems`.
-    """
+    """Name the sensor of each topic: short, unique, always the same; `kinds` are by topic, `stems` of `find_stems`."""
     found: dict[str, str] = {}
-    taken: set[str] = set()
     for topic, kind in sorted(kinds.items()):
         stem = stems.get(topic, "")
         if not any(part.startswith(word) for part in stem.split("_") for word in _KIND_WORDS[kind]):
             stem = f"{kind}_{stem}" if stem else kind
         base = stem[:_MAX_LENGTH].strip("_")
-        name, number = base, 2
-        while name in taken:
-            name, number = f"{base}_{number}", number + 1
-        taken.add(name)
-        found[topic] = name
+        options = chain([base], (f"{base}_{number}" for number in count(2)))
+        found[topic] = next(name for name in options if name not in found.values())
     return found
 
 
 _DERIVED: Mapping[str, tuple[str, ...]] = {
     "lidar": ("map", "cluster", "clusters", "clustered", "ground", "noground", "nonground", "filtered", "filter",
               "concatenated", "concat", "merged", "fused", "combined", "obstacle", "obstacles", "downsampled",
-              "downsample", "voxel",
-              "voxels", "costmap", "cropped", "segmented", "segmentation", "registered", "accumulated", "global",
-              "occupancy", "debug", "objects", "aligned", "submap", "free", "curb", "lanes"),
+              "downsample", "voxel", "voxels", "costmap", "cropped", "segmented", "segmentation", "registered",
+              "accumulated", "global", "occupancy", "debug", "objects", "aligned", "submap", "free", "curb", "lanes"),
     "camera": ("depth", "disparity", "mask", "segmentation", "semantic", "debug", "overlay", "annotated",
                "visualization", "heatmap", "confidence", "detections", "result", "results", "thumbnail", "preview"),
     "radar": ("cluster", "clusters", "filtered", "concatenated", "merged", "fused", "combined", "debug", "accumulated",
@@ -156,10 +149,8 @@ def _drop_derived(
     for t in topics:
         if not 0 < len(t.topic) <= _MAX_NAME:
             out[t.topic] = f"its name has {len(t.topic)} characters, at most {_MAX_NAME} are read"
-        elif t.role.frame_id.strip("/") in WORLDS:
-            out[t.topic] = (
-                f"its coordinate frame '{t.role.frame_id}' is stationary, so it holds a map or points already moved"
-            )
+        elif (frame := t.role.frame_id).strip("/") in WORLDS:
+            out[t.topic] = f"its coordinate frame '{frame}' is stationary, so it holds a map or points already moved"
         else:
             by_kind[kinds[t.topic][0]].append(t)
     good = []
@@ -167,9 +158,8 @@ def _drop_derived(
         derived = {t.topic: word for t in of_kind if (word := _derivation_word(kind, t.topic))}
         if len(derived) == len(of_kind) and kind != "camera":
             derived = {}
-        out |= {
-            topic: f"its name contains '{word}', so it doesn't hold raw measurements" for topic, word in derived.items()
-        }
+        why = "its name contains '{}', so it doesn't hold raw measurements"
+        out |= {topic: why.format(word) for topic, word in derived.items()}
         good += [t for t in of_kind if t.topic not in derived]
     return good
 
@@ -189,11 +179,10 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
         most[stems[t.topic]] = max(most.get(stems[t.topic], 0), t.num_messages)
 
     def rank(t: SampledTopic) -> tuple[object, ...]:
-        """Sorts the best topic of a device first. Images as they came from the camera fit K and its distortion; raw
-        ones have no artifacts, but recorders drop some of what is large.
-        """
+        """Sorts the best topic of a device first."""
         topic, is_thin = t.topic.lower(), t.num_messages < 0.9 * most[stems[t.topic]]
         if kind == "camera":
+            # As they came from the camera they fit K; raw ones have no artifacts, but recorders drop what is large.
             return "rect" in topic, is_thin, "mono" in topic or "gray" in topic, "compressed" in topic, t.topic
         no_doppler = not _doppler_field(t.fields)
         return _derivation_word(kind, topic) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic
@@ -202,12 +191,11 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
     for t in sorted(topics, key=rank):
         stem, frame = stems[t.topic], t.role.frame_id
         own_frame = frame if frame.strip("/") not in BODIES else ""
-        is_same = (o for o in kept if stems[o.topic] == stem or (own_frame and o.role.frame_id == own_frame))
-        same = next(is_same, None)
-        if same is None:
-            kept.append(t)
+        same = [o for o in kept if stems[o.topic] == stem or (own_frame and o.role.frame_id == own_frame)]
+        if same:
+            out[t.topic] = _why_not(kind, t, same[0], stems)
         else:
-            out[t.topic] = _why_not(kind, t, same, stems)
+            kept.append(t)
 
 
 def _why_not(kind: str, t: SampledTopic, better: SampledTopic, stems: Mapping[str, str]) -> str:

@@ -1,9 +1,9 @@
 """Guesses of truth and results: topics and files, and what their classes mean."""
 
 import os
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -21,21 +21,13 @@ _BOX_WORDS = ("label", "truth", "annotation", "openlabel", "gt", "tracks", "boxe
 _RIG_WORDS = ("calib", "camchain", "camera_info", "extrinsic", "intrinsic", "rig", "urdf")
 
 
-@dataclass(frozen=True)
-class Neighbors:
-    """Names of files and folders in the log's folder that may belong to it."""
-
-    boxes: tuple[str, ...] = ()
-    rigs: tuple[str, ...] = ()
-
-
-def find_neighbors(config: Path, log: Path) -> Neighbors:
-    """Look at the names in the folder of a configuration."""
+def find_neighbors(config: Path, log: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of files and folders in a configuration's folder that may hold a log's boxes, and of files with its rig."""
     try:
         with os.scandir(config.resolve().parent) as found:
             items = sorted((item.name, item.is_dir()) for item in islice(found, _MAX_FILES))
     except OSError:
-        return Neighbors()
+        return (), ()
     items = [item for item in items if not item[0].startswith(".") and item[0] not in (log.name, config.name)]
     boxes, rigs = [], []
     for name, is_dir in items:
@@ -47,7 +39,7 @@ def find_neighbors(config: Path, log: Path) -> Neighbors:
         has_rig_word = suffix in (".yaml", ".yml", ".toml") and any(word in stem for word in _RIG_WORDS)
         if not is_dir and (suffix == ".urdf" or has_rig_word):
             rigs.append(name)
-    return Neighbors(tuple(boxes[:_MAX_SHOWN]), tuple(rigs[:_MAX_SHOWN]))
+    return tuple(boxes[:_MAX_SHOWN]), tuple(rigs[:_MAX_SHOWN])
 
 
 _MAX_ENTRIES = 500  # Messages with boxes of a window that are read for their classes
@@ -55,11 +47,11 @@ _MAX_CLASSES = 100
 _MAX_NAME = 200
 
 
-def truth_table(log: Inspection, neighbors: Neighbors) -> Table:
+def truth_table(log: Inspection, boxes_beside: Sequence[str]) -> Table:
     """Write `[truth]`."""
     topics = _topics(log, "truth")
     why = "beside the log; is it ground truth?"
-    files = tuple(Line("file", name, why, is_active=False) for name in neighbors.boxes)
+    files = tuple(Line("file", name, why, is_active=False) for name in boxes_beside)
     if topics:
         own = all(role.is_own for role in log.roles.values() if role.kind == "truth")
         return Table(("truth",), (Line("topics", topics, "the log says so" if own else "by its name"), *files))
@@ -85,27 +77,26 @@ def _topics(log: Inspection, kind: str) -> tuple[str, ...]:
 
 def classes_table(log: Inspection) -> Table | None:
     """Write `[classes]` from the names that were met in the sample; `None` where there are none."""
-    nums: Counter[str] = Counter()
-    labels: dict[str, Counter[str]] = {}
+    labels = defaultdict[str, Counter[str]](Counter)
     certain: set[str] = set()  # Names of which somebody has said what they mean
     channels = frozenset(id_ for id_, role in log.roles.items() if role.kind in ("truth", "detections"))
     for _, entry in sample_messages(log.container, channels, log.times, _MAX_ENTRIES):
         role = log.roles[entry.channel]
         for (name, meant), num in _count_classes(role, entry).items():
             if 0 < len(name) <= _MAX_NAME:
-                nums[name] += num
-                labels.setdefault(name, Counter())[meant] += num
+                labels[name][meant] += num
                 if role.is_own or is_known(name):
                     certain.add(name)
-    if not nums:
+    if not labels:
         return None
-    names = sorted(nums, key=lambda name: (-nums[name], name))
+    names = sorted(labels, key=lambda name: (-labels[name].total(), name))
     notes = ["By the names that the log gives, counted in a sample; 'ignore' leaves a class out of scores."]
     notes += [f"{len(names) - _MAX_CLASSES} rarer names aren't listed."] if len(names) > _MAX_CLASSES else []
     lines = []
     for name in names[:_MAX_CLASSES]:
         meant = min(labels[name].items(), key=lambda item: (-item[1], item[0]))[0]
-        count = f"{nums[name]} {'box' if nums[name] == 1 else 'boxes'}"
+        num = labels[name].total()
+        count = f"{num} {'box' if num == 1 else 'boxes'}"
         why = count if name in certain else f"{count}, not a known name"
         lines.append(Line(name, meant, why, name not in certain))
     return Table(("classes",), tuple(lines), notes=tuple(notes))

@@ -9,7 +9,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.open import open_container
 from fbench.replay.setup.guess_frames import Clocks, frames_table, guess_clocks, guess_reference
-from fbench.replay.setup.guess_radar import doppler_lines, period_lines
+from fbench.replay.setup.guess_radar import doppler_lines, period_line
 from fbench.replay.setup.guess_rig import Body, calibration_line, guess_body, guess_pose, read_intrinsics
 from fbench.replay.setup.guess_sensors import Candidate, choose_sensors
 from fbench.replay.setup.guess_truth import classes_table, find_neighbors, results_table, truth_table
@@ -35,21 +35,23 @@ def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
     topics = {name: str(line.value) for name, line in calibrations.items()}
     body = guess_body(found.container, found.roles, sensors, topics)
     placed = [s for s in sensors if s.name not in body.problems] or sensors
-    reference = guess_reference(placed, found.metadata)
+    header = found.container.header
+    reference = guess_reference(placed, {} if header is None else header.metadata)
     clocks = guess_clocks(placed, str(reference.value))
     poses, pose_lines = guess_pose(found, body)
-    neighbors = find_neighbors(config, log)
+    boxes_beside, rigs_beside = find_neighbors(config, log)
     notes = ("The log says where its sensors are.",) if body.line is None else ()
-    rigs = []
-    if neighbors.rigs:
-        rigs = [Line("rig", neighbors.rigs, "beside the log; is it its calibration?", is_active=False)]
+    body_lines = [*([] if body.line is None else [body.line]), *pose_lines]
+    if rigs_beside:
+        body_lines.append(Line("rig", rigs_beside, "beside the log; is it its calibration?", is_active=False))
     elif body.problems:
-        rigs = [Line("rig", ("rig.toml",), "calibration of sensors that the log has none for", is_active=False)]
+        why = "calibration of sensors that the log has none for"
+        body_lines.append(Line("rig", ("rig.toml",), why, is_active=False))
     tables = [
         frames_table(placed, reference, clocks),
-        Table(("body",), (*([] if body.line is None else [body.line]), *pose_lines, *rigs), notes=notes),
+        Table(("body",), tuple(body_lines), notes=notes),
         *_sensor_tables(sensors, body, calibrations, clocks, poses),
-        truth_table(found, neighbors), results_table(found), classes_table(found),
+        truth_table(found, boxes_beside), results_table(found), classes_table(found),
     ]  # fmt: skip
     # Of all that isn't read, only what somebody may miss is named.
     missed = [item for item in found.unread if any(w in f"{item.topic} {item.schema}".lower() for w in _OF_INTEREST)]
@@ -66,16 +68,13 @@ def _sensor_tables(
     clocks: Clocks,
     poses: SampledTopic | None,
 ) -> list[Table]:
-    doppler, periods = doppler_lines(sensors, body.rig, poses), period_lines(sensors)
-    tables = []
+    doppler, tables = doppler_lines(sensors, body.rig, poses), []
     for s in sensors:
         name, topic = s.name, s.sampled
         rate = f", {topic.rate_text}" if topic.rate_text else ""
         frame = f", coordinate frame '{topic.role.frame_id}'" if topic.role.frame_id and not s.is_own else ""
-        lines = [
-            Line("topic", topic.topic, f"{topic.num_messages} messages{rate}{frame}"),
-            Line("kind", s.kind, s.why, s.is_guess),
-        ]
+        lines = [Line("topic", topic.topic, f"{topic.num_messages} messages{rate}{frame}")]
+        lines.append(Line("kind", s.kind, s.why, s.is_guess))
         is_placed_camera = s.kind == "camera" and not s.is_own and name in body.rig.mounts
         # Cameras look along z, which points up where somebody gave the axes of the housing instead.
         if is_placed_camera and abs(body.rig.body_T_sensor(name)[2, 2]) >= _UPRIGHT:
@@ -87,8 +86,8 @@ def _sensor_tables(
             why = "it has another clock; estimated from recording times, up to the delay of its messages"
             lines.append(Line("offset_ms", clocks.offsets_ms[name], why, is_guess=True))
         lines += doppler.get(name, ())
-        if name in periods:
-            lines.append(periods[name])
+        if s.kind == "radar" and (period := period_line(s)) is not None:
+            lines.append(period)
         notes = [f"{name}: {clocks.notes[name]}"] if name in clocks.notes else []
         problem = body.problems.get(name, "").partition("; add it")[0]
         if problem:
@@ -127,9 +126,8 @@ def write_toml(draft: Draft) -> Written:
     rows += ["# Times are in ms unless a key says otherwise. Check the lines with 'guess'.", "", "version = 1"]
     places: list[Placed] = []
     for table in draft.tables:
-        hash_ = "" if table.is_active else "# "
         rows += ["", *(f"# {_clip(note)}" for note in table.notes)]
-        rows.append(f"{hash_}[{toml_key(table.path)}]{_comment(table.why, table.is_guess)}")
+        rows.append(f"{'' if table.is_active else '# '}[{toml_key(table.path)}]")
         for line in table.lines:
             row = f"{toml_key((line.key,))} = {toml_value(line.value)}{_comment(line.why, line.is_guess)}"
             rows.append(row if line.is_active and table.is_active else f"# {row}")
@@ -142,10 +140,7 @@ def write_toml(draft: Draft) -> Written:
         rows += ["", "# Check these lines and the pictures of 'fbench log preview':"]
         rows += [f"#   {p.number}: {_clip(toml_key((*p.table.path, p.line.key)))}" for p in guesses]
     else:
-        rows += [
-            "",
-            "# Nothing here is a guess. 'fbench log preview' shows whether calibration and times are right.",
-        ]
+        rows += ["", "# Nothing here is a guess. 'fbench log preview' shows whether calibration and times are right."]
     return Written("\n".join(rows) + "\n", tuple(places), guesses)
 
 

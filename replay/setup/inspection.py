@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -10,7 +11,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 
 from fbench.replay.contracts.errors import DataError, DecodeError
 from fbench.replay.data.arrays import Int64
-from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
+from fbench.replay.data.messages import Image, Message, Pose, RadarScan
 from fbench.replay.logs.codecs.codec import SENSORS, Origin, TruthPart
 from fbench.replay.logs.codecs.foxglove.proto import parse, split
 from fbench.replay.logs.codecs.ros.clouds import read_cloud
@@ -39,10 +40,8 @@ class Table:
 
     path: tuple[str, ...]  # `("sensors", "front")` is `[sensors.front]`
     lines: tuple[Line, ...]
-    why: str = ""
     notes: tuple[str, ...] = ()  # Comments above it
     is_active: bool = True
-    is_guess: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ def _window_starts(
     return [None, *(start for start in later if start > merged[0])]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class SampledMessage:
     """One message of a sample."""
 
@@ -168,12 +167,6 @@ class Inspection:
     topics: tuple[SampledTopic, ...]  # By name
     unread: tuple[LeftOut, ...]
 
-    @property
-    def metadata(self) -> Mapping[str, str]:
-        """What the log says about itself."""
-        header = self.container.header
-        return {} if header is None else header.metadata
-
 
 def inspect_log(container: Container) -> Inspection:
     """Sample a log; what can't be decoded is passed over. Raises LogError where it can't be read."""
@@ -191,19 +184,19 @@ def inspect_log(container: Container) -> Inspection:
         topic = topics[found[entry.channel].topic]
         if not topic.fields:
             topic.fields = _cloud_fields(container.channels[entry.channel], entry)
-        try:
+        with suppress(DecodeError, DataError):
             message = _decode(topic.role, entry)
-        except (DecodeError, DataError):
-            continue
-        if isinstance(message, Image):
-            topic.size_wh = topic.size_wh or message.size_wh
-        num_points = len(message.xyz) if isinstance(message, PointCloud | RadarScan) else None
-        scan = message if isinstance(message, RadarScan) else None
-        pose = message if isinstance(message, Pose) else None
-        num_scans[topic.topic, window] += scan is not None
-        if num_scans[topic.topic, window] > _MAX_SCANS:
-            scan = None
-        topic.samples.append(SampledMessage(window, message.stamp_ns, entry.log_ns, num_points, scan, pose))
+            sample = SampledMessage(window, message.stamp_ns, entry.log_ns)
+            if isinstance(message, Image):
+                topic.size_wh = topic.size_wh or message.size_wh
+            elif isinstance(message, Pose):
+                sample.pose = message
+            else:
+                sample.num_points = len(message.xyz)
+            if isinstance(message, RadarScan) and num_scans[topic.topic, window] < _MAX_SCANS:
+                num_scans[topic.topic, window] += 1
+                sample.scan = message
+            topic.samples.append(sample)
     by_name = tuple(topic for _, topic in sorted(topics.items()))
     return Inspection(container, found, times, by_name, _unread_topics(container, found))
 
@@ -212,14 +205,12 @@ def _cloud_fields(channel: Channel, entry: Entry) -> tuple[str, ...]:
     """Names of a cloud's fields, none where the message isn't a cloud or can't be read."""
     if not isinstance(entry.data, memoryview):
         return ()
-    try:
+    with suppress(DecodeError):
         if channel.schema_name == "foxglove.PointCloud":
             proto = parse(CloudProto, split(entry.data, CloudProto.DATA_FIELD_NUMBER)[0])
             return tuple(field.name for field in proto.fields)
         if channel.encoding in ("cdr", "ros1") and full_name(channel.schema_name) == "sensor_msgs/msg/PointCloud2":
             return tuple(field.name for field in read_cloud(entry.data, channel.encoding).fields)
-    except DecodeError:
-        pass
     return ()
 
 

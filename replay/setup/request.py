@@ -26,9 +26,7 @@ _DETECT_EVERY = "detect_every"
 
 
 def choose_pipeline(name: str | None, detections: BoxSource | None) -> str:
-    """Return the pipeline that is meant: detections in a file need none to be named. Raises ConfigError where none is
-    named, or one that doesn't read detections.
-    """
+    """Name the pipeline; detections in a file imply one. Raises ConfigError for none, or one that can't read them."""
     if detections is None and name is None:
         raise ConfigError("which pipeline? give --pipeline NAME (see fbench plugins), or --detections PATH")
     variant = None if name is None else variant_of(name)

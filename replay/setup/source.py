@@ -36,14 +36,10 @@ class LogRequest:
     def absolute(self) -> "LogRequest":
         """Return the same with paths that hold in every folder."""
         config = self.config if self.config in (None, NO_CONFIG) else str(Path(self.config).resolve())
-        return replace(
-            self,
-            path=self.path.resolve(),
-            config=config,
-            rig=[path.resolve() for path in self.rig],
-            truth=self.truth and replace(self.truth, path=self.truth.path.resolve()),
-            detections=self.detections and replace(self.detections, path=self.detections.path.resolve()),
-        )
+        path, rig = self.path.resolve(), [path.resolve() for path in self.rig]
+        boxes = (self.truth, self.detections)
+        truth, detections = (source and replace(source, path=source.path.resolve()) for source in boxes)
+        return replace(self, path=path, config=config, rig=rig, truth=truth, detections=detections)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +58,7 @@ class LogSource:
         return open_log(self.path, faults, self.topics, self.setup)
 
     def input_entries(self) -> list[InputEntry]:
-        """Say which files beside the log decide what a run holds, for its manifest; truth says so itself. Raises
-        ConfigError where the results aren't there.
-        """
+        """Files that decide what a run holds, but truth, for its manifest. Raises ConfigError without the results."""
         results = self.setup.results
         if results is None:
             return list(self.inputs)
@@ -73,9 +67,7 @@ class LogSource:
         return [*self.inputs, _input_entry("results", results.path)]
 
     def truth_entry(self) -> TruthEntry | None:
-        """Say where truth comes from, where it isn't the log itself. Raises ConfigError where the file isn't there.
-        Raises LogError where its form isn't known.
-        """
+        """Where truth comes from, if not the log. Raises ConfigError for no such file, LogError for an unknown form."""
         if self.setup.truth is None:
             return None
         from fbench.replay.formats.open import truth_entry  # tables need pyarrow, most logs no table
@@ -85,9 +77,7 @@ class LogSource:
     def sync(
         self, reference: str | None, timeout_ms: float | None, tolerance_ms: float | None, max_gap_s: float | None
     ) -> SyncParams:
-        """How messages become frames: as the command line says, else as the configuration does. Raises ConfigError
-        where a duration isn't a number, or negative.
-        """
+        """How messages become frames, by command line, else configuration. Raises ConfigError for a bad duration."""
         own = self.frames
         return make_sync_params(
             own.reference if reference is None else reference,
@@ -107,9 +97,7 @@ class LogSource:
 
 
 def log_source(request: LogRequest) -> LogSource:
-    """Read the configuration and calibration that go with a log. Raises ConfigError where one of the files can't be
-    used.
-    """
+    """Read the configuration and calibration of a log. Raises ConfigError where one of the files can't be used."""
     path = find_config(request.path) if request.config is None else Path(request.config)
     if request.config == NO_CONFIG:
         path = None

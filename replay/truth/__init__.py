@@ -1,1 +1,1 @@
-"""Ground truth of a run: which frame it belongs to, and where its objects are at that frame's instant."""
+"""Ground truth of a run: the frame it belongs to (`labelling`), moved to its instant (`times`), or new (`relabel`)."""

@@ -2,15 +2,15 @@
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from array import array
+from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.faults import FAULTS, FaultBudget, FaultLog
-from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import ClassMap
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.messages import Truth
@@ -50,39 +50,38 @@ def relabel(
     LogError where it can't be read, or is in the world and the run has no poses, MetricError where none of its instants
     belongs to a frame of the run.
     """
-    rig, faults, span = run.manifest.rig, FaultLog(), _Span()
+    rig, faults = run.manifest.rig, FaultLog()
     is_camera0 = run.manifest.log.metadata.get(CAMERA0) == BODY
     coordinates = CoordinateFrames(rig, tree_of(rig), BODY, camera0_is_body=is_camera0)
     file = open_boxes(source, coordinates, faults)
-    map_ = ClassMap(classes or {})
-    truths = (_classify(span.note(truth), map_, source.path.name, faults) for truth in file.truths())
+    map_, where = ClassMap(classes or {}), source.path.name
+    places, counts_frames = array("q"), False  # Of the truths in the file: stamps, or indices
+
+    def prepare(truth: Truth) -> Truth:
+        nonlocal counts_frames
+        counts_frames = truth.frame_index is not None
+        places.append(truth.stamp_ns if truth.frame_index is None else truth.frame_index)
+        return map_.label_truth(truth, lambda name: faults.once("GT007", (where, name), f"{where}: '{name}'"))
+
     # Truth refers to stamps as recorded, before an offset was added.
     offset_ns = run.manifest.frames.offsets_ns.get(run.manifest.frames.reference, 0)
     instants = [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True, f.segment) for f in run.frames]
+    poses = dict(zip((frame.index for frame in run.frames), map(pose_of, run.poses), strict=True))
+    has_poses, is_whole = any(pose is not None for pose in poses.values()), run.manifest.frames.excerpt == "all"
+    stamps = [frame.stamp_ns for frame in run.frames]
     with closing(_Tables(run)) as tables:
         times = TruthTimes(instants, run.poses, max_between_ns)
-        _match(run, times.match(truths), tables, faults)
-        if not tables.truths:
-            raise MetricError(_explain_unmatched(run, source.path, span))
-        between = InterpolationEntry(max_gap_ns=max_between_ns, num_frames=sum(map(times.is_between, tables.truths)))
+        for index, truth in times.match(map(prepare, file.truths())):
+            if index is None:
+                if is_whole or (truth.frame_index is None and min(stamps) <= truth.stamp_ns <= max(stamps)):
+                    faults.add("GT006", stray(truth))
+            elif (kept := drop_invalid(truth, index, poses[index], has_poses, faults)) is not None:
+                tables.add(index, kept)
+        if not tables.labeled:
+            raise MetricError(_explain_unmatched(run, source.path, places, counts_frames))
+        between = InterpolationEntry(max_gap_ns=max_between_ns, num_frames=sum(map(times.is_between, tables.labeled)))
         tables.finish(faults, file, between)
-    return Relabelled(span.num, len(tables.truths), between.num_frames)
-
-
-@dataclass
-class _Span:
-    """The first and the last instant of a file."""
-
-    num: int = 0
-    first: int = 0
-    last: int = 0
-    counts_frames: bool = False
-
-    def note(self, truth: Truth) -> Truth:
-        at = truth.stamp_ns if truth.frame_index is None else truth.frame_index
-        self.first, self.last = (min(self.first, at), max(self.last, at)) if self.num else (at, at)
-        self.num, self.counts_frames = self.num + 1, truth.frame_index is not None
-        return truth
+    return Relabelled(len(places), len(tables.labeled), between.num_frames)
 
 
 class _Tables:
@@ -91,7 +90,8 @@ class _Tables:
     def __init__(self, run: Run) -> None:
         self._run = run
         self._writers: dict[str, BoxWriter] = {}
-        self.truths: dict[int, Truth] = {}  # Without their boxes, by frame
+        self._records = {record.index: with_truth(record, None) for record in run.frames}
+        self.labeled: set[int] = set()
 
     def close(self) -> None:
         for writer in self._writers.values():
@@ -106,14 +106,12 @@ class _Tables:
                 if name not in self._writers:
                     self._writers[name] = BoxWriter(self._partial(name), type(boxes))
                 self._writers[name].add(index, boxes)
-        boxes3d = None if truth.boxes3d is None else Boxes3D.empty()
-        boxes2d = None if truth.boxes2d is None else Boxes2D.empty()
-        self.truths[index] = replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
+        self._records[index] = with_truth(self._records[index], truth)
+        self.labeled.add(index)
 
     def finish(self, faults: FaultLog, file: BoxFile, between: InterpolationEntry) -> None:
         """Put the tables in place; the manifest comes last."""
-        records = [with_truth(record, self.truths.get(record.index)) for record in self._run.frames]
-        write_frames(self._partial(FRAMES), records, self._run.poses)
+        write_frames(self._partial(FRAMES), list(self._records.values()), self._run.poses)
         content, manifest = _with_faults(self._run, faults), self._run.manifest
         for writer in self._writers.values():
             writer.close()
@@ -138,39 +136,18 @@ class _Tables:
         return self._run.folder / f".{name}.partial-{os.getpid()}"
 
 
-def _match(run: Run, matched: Iterable[tuple[int | None, Truth]], tables: _Tables, faults: FaultLog) -> None:
-    poses = dict(zip((frame.index for frame in run.frames), map(pose_of, run.poses), strict=True))
-    has_poses = any(pose is not None for pose in poses.values())
-    is_whole = run.manifest.frames.excerpt == "all"
-    stamps = [frame.stamp_ns for frame in run.frames]
-    for index, truth in matched:
-        if index is None:
-            if is_whole or (truth.frame_index is None and min(stamps) <= truth.stamp_ns <= max(stamps)):
-                faults.add("GT006", stray(truth))
-        elif (kept := drop_invalid(truth, index, poses[index], has_poses, faults)) is not None:
-            tables.add(index, kept)
-
-
-def _classify(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> Truth:
-    def unknown(name: str) -> None:
-        faults.once("GT007", (where, name), f"{where}: '{name}'")
-
-    boxes3d = None if truth.boxes3d is None else classes.apply(truth.boxes3d, unknown)
-    boxes2d = None if truth.boxes2d is None else classes.apply(truth.boxes2d, unknown)
-    return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
-
-
-def _explain_unmatched(run: Run, path: Path, span: _Span) -> str:
-    frames = run.frames
-    if not span.num:
+def _explain_unmatched(run: Run, path: Path, places: "array[int]", counts_frames: bool) -> str:
+    frames, num = run.frames, len(places)
+    if not num:
         return f"{path}: no boxes in it"
-    if span.counts_frames:
+    first, last = min(places), max(places)
+    if counts_frames:
         there = f"{frames[0].index} to {frames[-1].index}"
-        return f"{path}: none of its {span.num} frames, {span.first} to {span.last}, is in the run, which has {there}"
+        return f"{path}: none of its {num} frames, {first} to {last}, is in the run, which has {there}"
     stamps = [frame.stamp_ns for frame in frames]
-    apart_s = (stamps[0] - span.first) / 1e9
+    apart_s = (stamps[0] - first) / 1e9
     return (
-        f"{path}: none of its {span.num} instants, {span.first} to {span.last} ns, belongs to a frame of the run, "
+        f"{path}: none of its {num} instants, {first} to {last} ns, belongs to a frame of the run, "
         f"{min(stamps)} to {max(stamps)} ns, {apart_s:+.3f} s from there; shift the stamps, or count frames"
     )
 

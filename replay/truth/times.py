@@ -4,7 +4,7 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -73,12 +73,8 @@ def move_to_body(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
     """Move boxes to other body coordinates; they get no pitch and roll that they don't have."""
     if not len(boxes):
         return boxes
-    there = move_boxes(boxes, dst_T_src)
-    return replace(
-        there,
-        roll_rad=None if boxes.roll_rad is None else there.roll_rad,
-        pitch_rad=None if boxes.pitch_rad is None else there.pitch_rad,
-    )
+    absent: dict[str, Any] = {name: None for name in ("roll_rad", "pitch_rad") if getattr(boxes, name) is None}
+    return replace(move_boxes(boxes, dst_T_src), **absent)
 
 
 @dataclass(eq=False)
@@ -232,11 +228,8 @@ class TruthTimes:
 
     def _find(self, stamp_ns: int, camera: str | None, *, is_after: bool) -> Placed | None:
         """The first truth from a stamp on, or the last one up to it, that labels a camera; `None`: 3D boxes."""
-        found = (
-            (placed for placed in self._window if placed.stamp_ns >= stamp_ns)
-            if is_after
-            else (placed for placed in reversed(self._window) if placed.stamp_ns <= stamp_ns)
-        )
+        sign = 1 if is_after else -1
+        found = (placed for placed in self._window[::sign] if sign * (placed.stamp_ns - stamp_ns) >= 0)
         return next((placed for placed in found if self._labels(placed, camera)), None)
 
     def _labels(self, placed: Placed, camera: str | None) -> bool:
@@ -273,21 +266,17 @@ class TruthTimes:
         return replace(boxes, **rows), is_moved
 
     def _body_T_body(self, frame: Instant, stamp_ns: int) -> Float64 | None:
-        """Transform (4, 4) from the body at a stamp to that at a frame of its segment, where it is known: by the poses
-        of frames, which a finished run knows, too, so that truth that is added later gets the same numbers.
-        """
+        """Transform (4, 4) from the body at a stamp to that at a frame of its segment; `None` where unknown."""
+        # From the poses of frames alone, which a finished run has, too: later truth gets the same numbers.
         frames = self._segments[frame.segment]
         place = bisect_left(frames, stamp_ns, key=lambda other: other.stamp_ns)
         if place < len(frames) and frames[place].stamp_ns == stamp_ns:
             at_stamp = pose_of(self._poses[frames[place].index])
         else:
-            around = frames[place - 1 : place + 1] if place else []
-            values = [self._poses[other.index] for other in around]
-            if len(around) < 2 or np.isnan(values).any():
+            around = [(f.stamp_ns, self._poses[f.index]) for f in (frames[place - 1 : place + 1] if place else [])]
+            if len(around) < 2 or any(np.isnan(value).any() for _, value in around):
                 return None
-            before, after = (
-                Pose("", f.stamp_ns, f.stamp_ns, v[:3], v[3:]) for f, v in zip(around, values, strict=True)
-            )
+            before, after = (Pose("", stamp, stamp, value[:3], value[3:]) for stamp, value in around)
             at_stamp = pose_of(pose_between(before, after, stamp_ns))
         at_frame = pose_of(self._poses[frame.index])
         return None if at_frame is None or at_stamp is None else chain(inverse(at_frame), at_stamp)

@@ -12,7 +12,7 @@ import jinja2
 from markupsafe import Markup
 from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
 
-from fbench.replay.contracts.errors import RunError
+from fbench.replay.contracts.errors import RunError, wrong_field
 from fbench.replay.runs.folder import Run
 
 R = TypeVar("R", bound=BaseModel)
@@ -83,9 +83,8 @@ def read_record(run: Run, name: str, kind: type[R]) -> R | None:
     try:
         return kind.model_validate(run.json(name))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "content"
-        raise RunError(f"{path}: {where}: {first['msg']}; score the run again") from error
+        where, why = wrong_field(error)
+        raise RunError(f"{path}: {where or 'content'}: {why}; score the run again") from error
 
 
 def visible(text: str) -> str:

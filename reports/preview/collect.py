@@ -18,7 +18,7 @@ from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.messages import Message, Pose, Truth
 from fbench.replay.data.rig import Mount, Rig, RigChange
-from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.frames import FrameStream
@@ -173,7 +173,7 @@ def collect(
     with an offset isn't in the log. Raises LogError where there are no frames.
     """
     log = _Observed(reader, partial, request.stamps)
-    stream = FrameStream(log, request.sync, request.stamps, request.excerpt, VirtualClock(), faults)
+    stream = FrameStream(log, request.sync, request.stamps, request.excerpt, Clock(), faults)
     kept, instants = Spread[Sample](request.num), Spread[Instant](MAX_TIMES)
     missing: dict[str, Counter[str]] = {}
     num_frames, last = 0, None

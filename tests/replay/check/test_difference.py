@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 from tests.replay.fakes import MS, Echo, box, cloud, drive
 
-from fbench.replay.check.difference import WATCH, Outcome, boxes_difference, first_difference
-from fbench.replay.check.watch import WatchedPipeline, WatchedReader
+from fbench.replay.check.difference import (
+    WATCH,
+    Outcome,
+    WatchedPipeline,
+    WatchedReader,
+    boxes_difference,
+    first_difference,
+)
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.scores import save_scores

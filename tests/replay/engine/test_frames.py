@@ -12,7 +12,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Output
 from fbench.replay.data.messages import Truth
-from fbench.replay.engine.clock import PacedClock, VirtualClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt, make_excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.frames import FrameStream
@@ -152,7 +152,7 @@ def test_manifest_tells_what_was_chosen(tmp_path):
 
 def test_frames_before_the_part_are_not_waited_for(tmp_path):
     slept = []
-    clock = PacedClock(1.0, 2_000 * MS, lambda: round(sum(slept) * 1e9), slept.append)
+    clock = Clock(1.0, 2_000 * MS, lambda: round(sum(slept) * 1e9), slept.append)
     play(long_drive(), tmp_path / "run", excerpt=Excerpt(30, 33), clock=clock)
     assert sum(slept) == pytest.approx(0.2)
 
@@ -204,7 +204,7 @@ def test_time_never_stands_still_within_a_segment(items, offsets, source, frames
     log = FakeLog([replace(m, log_ns=arrival, frame_number=number) for m, arrival, number in made])
     sync, faults = SyncParams(max_gap_ns=500 * MS, max_jump_ns=300 * MS), FaultLog()
     excerpt, stamps = make_excerpt(None, None, frames), StampParams(source, offsets)
-    stream = FrameStream(log, sync, stamps, excerpt, VirtualClock(), faults) if usable(log, offsets) else None
+    stream = FrameStream(log, sync, stamps, excerpt, Clock(), faults) if usable(log, offsets) else None
     seen: list[tuple[int, int]] = []
     for frame in stream.frames(log) if stream else ():
         if seen and frame.segment == seen[-1][0]:

@@ -19,7 +19,7 @@ from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Fault, Output
 from fbench.replay.data.messages import PointCloud, Pose, Truth
-from fbench.replay.engine.clock import PacedClock
+from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.runs.folder import Run
@@ -97,7 +97,7 @@ def test_log_without_truth_replays(tmp_path):
 
 
 def test_two_runs_are_byte_equal_at_any_rate(tmp_path):
-    paced = PacedClock(50.0, 2_000 * MS)
+    paced = Clock(50.0, 2_000 * MS)
     runs = [play(drive(), tmp_path / "a"), play(drive(), tmp_path / "b", clock=paced)]
     assert content(runs[0].folder) == content(runs[1].folder)
     assert len(content(runs[0].folder)) >= 6

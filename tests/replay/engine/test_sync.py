@@ -255,7 +255,7 @@ def rig(**kinds):
 
 
 def choose(sensors, num_messages, wanted=None, **metadata):
-    return choose_reference(sensors, LogInfo("log", "id", metadata), num_messages, SyncParams(reference=wanted))
+    return choose_reference(sensors.kinds, LogInfo("log", "id", metadata), num_messages, SyncParams(reference=wanted))
 
 
 def test_boxes_give_the_instants_where_no_sensor_has_messages():

@@ -44,7 +44,7 @@ def test_all_sensors_of_a_vehicle(guess):
         "concatenated",
         "/depth/image: image enc",
     ):
-        assert left_out in text.split("# Left out;")[1]
+        assert left_out in text.split("# Not used.")[1]
 
 
 def test_the_file_works_untouched(guess, tmp_path):
@@ -56,7 +56,7 @@ def test_the_file_works_untouched(guess, tmp_path):
     assert sorted(reader.rig.mounts) == sorted(config.sensors)
     assert len(reader.rig.cameras) == 4
     sync = SyncParams(config.frames.reference)
-    assert choose_reference(reader.rig, reader.info, reader.num_messages, sync) == config.frames.reference
+    assert choose_reference(reader.rig.kinds, reader.info, reader.num_messages, sync) == config.frames.reference
     assert len(list(reader.messages())) == 20 * 11 + 100
     assert len(list(reader.truths())) == 20
     assert not faults.lost
@@ -120,7 +120,7 @@ def lidar_log(**clouds):
         ("/lidar/points_downsampled", "lidar", "'downsampled'"),
         ("/obstacle_clusters", "base_link", "'obstacle'"),
         ("/no_ground/cloud", "base_link", "'ground'"),
-        ("/slam/cloud", "map", "'map' stands still"),
+        ("/slam/cloud", "map", "'map' is stationary"),
         ("/lidar/points_xyzi", "lidar", "the same device as /lidar/points"),
         ("/other/name", "lidar", "in the same coordinate frame as /lidar/points, 'lidar'"),
     ],
@@ -156,7 +156,7 @@ def test_compensated_velocities_are_not_read(guess):
         log.add("/radar/points", ns, d.radar_points("base_link", ns, 5.0, field_name="v_r_compensated"))
     config, text = guess(log)
     assert config.sensors["radar"].kind == "radar"
-    assert "'v_r_compensated', which isn't read" in text
+    assert "'v_r_compensated', which fbench doesn't read" in text
 
 
 def test_a_radar_whose_doppler_is_called_otherwise_is_one_by_its_name(guess):
@@ -166,7 +166,7 @@ def test_a_radar_whose_doppler_is_called_otherwise_is_one_by_its_name(guess):
         log.add("/radar/points", ns, d.radar_points("base_link", ns, 9.0, field_name="speed_q"))
     config, text = guess(log)
     assert {name: sensor.kind for name, sensor in config.sensors.items()} == {"lidar": "lidar", "radar": "radar"}
-    assert "it is called so, but none of its fields (x, y, z, speed_q, rcs) is known as radial velocity" in text
+    assert "by its name, but none of its fields (x, y, z, speed_q, rcs) is a known radial velocity" in text
 
 
 def test_sensors_without_calibration_are_commented_out(guess):
@@ -221,7 +221,7 @@ def test_another_clock_gets_an_offset(guess):
     config, text = guess(log)
     # Its stamps are an hour before the recording, those of the LiDAR 1 ms; names alone don't make a radar of it.
     assert config.sensors["radar" if "radar" in config.sensors else "lidar_radar"].offset_ms == 3_599_999.0
-    assert "guess: its clock is another" in text
+    assert "guess: it has another clock" in text
 
 
 def test_zero_stamps_mean_times_of_recording(guess):

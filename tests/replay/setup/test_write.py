@@ -21,8 +21,8 @@ nasty = st.sampled_from(
 @given(names | nasty, names | nasty, names | nasty)
 def test_names_are_read_back(key, value, why):
     lines = (Line("topic", value, why, is_guess=True), Line("kind", "lidar", why))
-    off = Table(("sensors", key + "2"), lines, why, (why,), is_active=False)
-    tables = (Table(("sensors", key), lines, why, (why,)), off, Table(("classes",), (Line(key, "car", why),)))
+    off = Table(("sensors", key + "2"), lines, (why,), is_active=False)
+    tables = (Table(("sensors", key), lines, (why,)), off, Table(("classes",), (Line(key, "car", why),)))
     text = write_toml(Draft(value, tables, (LeftOut(value, why),))).text
     config = Config.model_validate(tomllib.loads(text))
     assert {name: sensor.topic for name, sensor in config.sensors.items()} == {key: value}

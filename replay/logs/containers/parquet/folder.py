@@ -170,7 +170,7 @@ class ParquetFolder(StoredLog):
         self.rigs = [(log_ns, rig) for log_ns, rig, _ in rigs]
         self.rig_stamps = [stamp_ns for _, _, stamp_ns in rigs]
         """Stamps of the messages that told the rigs, where `log.json` has them."""
-        kinds = {name: mount.kind for name, mount in self.rigs[0][1].mounts.items()} if self.rigs else {}
+        kinds = self.rigs[0][1].kinds if self.rigs else {}
         log_id = self._digest(description) if description.log_id is None else description.log_id
         self.header = LogHeader(log_id, description.metadata, kinds or description.sensors)
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from fbench.replay.contracts.errors import DataError, LogError
+from fbench.replay.contracts.errors import DataError, LogError, wrong_field
 from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig
 from fbench.replay.logs.container import Channel, Schema
 from fbench.replay.logs.containers.parquet.columns import StreamKind
@@ -228,9 +228,8 @@ def parse(where: str, data: bytes) -> tuple[LogJson, bool]:
     try:
         return LogJson.model_validate(content), digest is not None
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise LogError(f"{where}: '{place}': {first['msg']}; see docs/formats.md", "PQ001") from None
+        place, why = wrong_field(error)
+        raise LogError(f"{where}: '{place}': {why}; see docs/formats.md", "PQ001") from None
 
 
 def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
