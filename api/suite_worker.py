@@ -9,14 +9,10 @@ from types import FrameType
 
 from fbench.api.cells import ANSWER, Answer, answers
 from fbench.api.runs import replay
-from fbench.replay.contracts.errors import FbenchError, one_line
+from fbench.replay.contracts.errors import FbenchError, TerminatedError, one_line
 from fbench.replay.setup.request import ReplayRequest
 
 _LACKS_SENSOR = "CFG001"
-
-
-class _EndedError(BaseException):
-    """SIGTERM came; cleans up on its way out, and no plug-in catches it."""
 
 
 def main() -> int:
@@ -30,7 +26,7 @@ def main() -> int:
             for line in sys.stdin.buffer:
                 answer = _answer(ReplayRequest.from_json(line.decode()))
                 print(ANSWER.dump_json(answer).decode(), file=out, flush=True)
-    except (_EndedError, KeyboardInterrupt):
+    except (TerminatedError, KeyboardInterrupt):
         return 128 + signal.SIGTERM
     return 0
 
@@ -46,7 +42,7 @@ def _answer(request: ReplayRequest) -> Answer:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    raise _EndedError
+    raise TerminatedError
 
 
 if __name__ == "__main__":

@@ -88,7 +88,6 @@ def convert(
         say(f"left out: {num} messages on {topic}, which fbench doesn't understand")
     rigs = f", {result.num_rigs} {'rig' if result.num_rigs == 1 else 'rigs'}" if result.num_rigs else ""
     parts = f" in {len(result.parts)} parts" if result.parts else ""
-    total = sum(result.messages.values())
     say(*fault_lines(rows), f"id: {result.log_id}")
-    say(f"log: {result.path}: {total} messages{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")
+    say(f"log: {result.path}: {result.num_messages} messages{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")
     raise typer.Exit(code)

@@ -74,7 +74,7 @@ def import_(
         wish = ImportWish(names, FrameRange(excerpt.first, excerpt.stop), bad)
         for log in import_recordings(importer, source, wish, targets, progress):
             logs.append(log)
-            with progress.finish(0 if log.written is None else sum(log.written.messages.values())):
+            with progress.finish(0 if log.written is None else log.written.num_messages):
                 if len(names) > 1 and not json:
                     say(f"{log.name}: {log_line(log)}")
     if json:

@@ -93,7 +93,7 @@ def simulate(
             for spec, target in wanted:
                 log = write_recording(CityRecording(spec, target.path.stem, threads), target, progress)
                 done.append(log)
-                with progress.finish(0 if log.written is None else sum(log.written.messages.values())):
+                with progress.finish(0 if log.written is None else log.written.num_messages):
                     if not json:
                         say(*log.lines, f"log: {log_line(log)}")
     except KeyboardInterrupt:

@@ -1,16 +1,13 @@
-"""Options that several commands share, the requests that they make, and the examples shown by `--help`."""
+"""Options that several commands share, and the examples shown by `--help`."""
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 if TYPE_CHECKING:
     from fbench.replay.logs.setup import BoxSource
-    from fbench.replay.setup.request import ReplayRequest
-    from fbench.replay.setup.source import LogRequest
 
 Log = Annotated[Path, Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
 Settings = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE", help="Change a parameter; repeatable.")]
@@ -142,30 +139,6 @@ def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | 
     from fbench.replay.logs.setup import BoxSource
 
     return None if path is None else BoxSource(path, form, frame, frame)
-
-
-def log_request(given: Mapping[str, Any]) -> "LogRequest":
-    """Return what the parameters of a command, by name, say about its log."""
-    from fbench.replay.setup.source import LogRequest
-
-    frame = given.get("truth_frame", "")
-    truth = box_source(given.get("truth"), given.get("truth_format"), frame)
-    results = box_source(given.get("detections"), None, frame)
-    return LogRequest(
-        given["log"], given.get("config"), given.get("rig") or (), truth, results, given.get("topics") or ()
-    )
-
-
-def replay_request(given: Mapping[str, Any], needs_pipeline: bool = True) -> "ReplayRequest":
-    """Return the request that the parameters of a command, by name, make: those that are called as its fields. Raises
-    ConfigError where a pipeline is needed, and none is named, or one that doesn't read the given detections.
-    """
-    from fbench.replay.setup.request import ReplayRequest, choose_pipeline
-
-    log, names = log_request(given), {f.name for f in fields(ReplayRequest)} - {"log", "pipeline"}
-    pipeline = choose_pipeline(given["pipeline"], log.detections) if needs_pipeline else given["pipeline"] or ""
-    chosen = {name: value for name, value in given.items() if name in names and value is not None}
-    return ReplayRequest(log, pipeline, **chosen)
 
 
 _EXAMPLES: Mapping[str, tuple[str, ...]] = {

@@ -6,10 +6,10 @@ import pytest
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (("replay",), ["else runs/LOG-PIPELINE", "in ms; else 30,", "(by default)"]),
-        (("report",), ["else report.html in the first RUN"]),
-        (("verify",), ["in ms; else 30,", "in ms; else 50."]),
-        (("log", "convert"), ["[default: zstd]", "else 1 MiB", "else as many as make 8 MiB"]),
+        (("replay",), ["runs/LOG-PIPELINE by default", "(default: as the log says, else 30)", "'header' (default)"]),
+        (("report",), ["(default: report.html in the first RUN)"]),
+        (("verify",), ["in ms (default: as the log says, else 30)", "in ms (default: 50)"]),
+        (("log", "convert"), ["[default: zstd]", "(default: 1 MiB)", "(default: as many as fit into 8 MiB)"]),
     ],
 )
 def test_defaults_are_shown(fbench, monkeypatch, command, words):
