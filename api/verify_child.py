@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from fbench.api.cells import answers
+from fbench.api.cells import own_stdout
 from fbench.api.scores import score_folder
 from fbench.replay.check.difference import TASK, WATCH, VerifyTask
 from fbench.replay.check.watch import WatchedPipeline, WatchedReader, convert_to
@@ -30,7 +30,7 @@ from fbench.replay.setup.source import LogSource
 
 def main() -> int:
     """Do what stdin says."""
-    with answers() as out:
+    with own_stdout() as out:
         try:
             run(TASK.validate_json(sys.stdin.buffer.read().decode()))
         except FbenchError as error:

@@ -31,12 +31,10 @@ def convert(
             "--from", metavar="T", help="Start of the cut: seconds after the first measurement, or a log time 'Nns'."
         ),
     ] = None,
-    to: Annotated[str | None, Option("--to", metavar="T", help="End of the cut (excluded).")] = None,
+    to: Annotated[str | None, Option(metavar="T", help="End of the cut (excluded).")] = None,
     topics: Annotated[
         list[str] | None,
-        Option(
-            "--topics", metavar="PATTERN", help="Keep only these topics or sensors ('!PATTERN' excludes); repeatable."
-        ),
+        Option(metavar="PATTERN", help="Keep only these topics or sensors ('!PATTERN' excludes); repeatable."),
     ] = None,
     split_s: Annotated[
         float | None, Option(metavar="SECONDS", help="Write a folder of MCAP files, each of this duration.")

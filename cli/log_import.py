@@ -28,16 +28,13 @@ def import_(
         Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, or a folder for several.")
     ],
     scenes: Annotated[
-        list[str] | None,
-        Option("--scenes", metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable."),
+        list[str] | None, Option(metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable.")
     ] = None,
     frames: Annotated[
-        str | None,
-        Option("--frames", metavar="A:B", help="Only these frames, numbered as in the dataset, B excluded."),
+        str | None, Option(metavar="A:B", help="Only these frames, numbered as in the dataset, B excluded.")
     ] = None,
     detections: Annotated[
-        Path | None,
-        Option(metavar="DIR", help="Also import the results of another system (KITTI's benchmarks)."),
+        Path | None, Option(metavar="DIR", help="Also import the results of another system (KITTI's benchmarks).")
     ] = None,
     settings: options.Settings = None,
     skip_bad: Annotated[

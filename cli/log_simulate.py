@@ -39,15 +39,13 @@ def simulate(
     seconds: Annotated[float, Option(metavar="S", help="Length of the log, in s.")] = 10.0,
     seed: Annotated[int, Option(metavar="N", help="Random seed. Equal seeds give equal bytes.")] = 0,
     split: Annotated[
-        Literal["dev", "test"] | None,
-        Option(help="Seeds of a suite: 'dev' to develop on (default), 'test' to report."),
+        Literal["dev", "test"] | None, Option(help="Seeds of a suite: 'dev' to develop on (default), 'test' to report.")
     ] = None,
     rig: Annotated[
-        Path | None, Option("--rig", metavar="FILE", help="TOML with the sensors (default: the thesis's rig).")
+        Path | None, Option(metavar="FILE", help="TOML with the sensors (default: the thesis's rig).")
     ] = None,
     sensors: Annotated[
-        list[str] | None,
-        Option("--sensors", metavar="PATTERN", help="Only these sensors ('!PATTERN' excludes); repeatable."),
+        list[str] | None, Option(metavar="PATTERN", help="Only these sensors ('!PATTERN' excludes); repeatable.")
     ] = None,
     settings: Annotated[
         list[str] | None, Option("--set", metavar="NAME=VALUE", help="Change a sensor or the weather; repeatable.")

@@ -27,7 +27,7 @@ def replay(
     out: Annotated[Path | None, Option("--out", "-o", help="Run folder; runs/LOG-PIPELINE by default.")] = None,
     overwrite: options.Overwrite = False,
     rate: Annotated[
-        str, Option("--rate", metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
+        str, Option(metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
     ] = "max",
     reference: options.Reference = None,
     timeout_ms: options.TimeoutMs = None,
@@ -42,14 +42,12 @@ def replay(
     stamps: options.Stamps = None,
     read_ahead: options.ReadAhead = "auto",
     on_fault: Annotated[
-        str, Option("--on-fault", metavar="HOW", help="'strict': exit 4 if data were lost; 'tolerant': only count it.")
+        str, Option(metavar="HOW", help="'strict': exit 4 if data were lost; 'tolerant': only count it.")
     ] = "strict",
     fault_budget: Annotated[
         list[str] | None,
         Option(
-            "--fault-budget",
-            metavar="[CODE=]N",
-            help="Allowed number of faults that lose data, in total or of one code; repeatable.",
+            metavar="[CODE=]N", help="Allowed number of faults that lose data, in total or of one code; repeatable."
         ),
     ] = None,
     range_m: options.RangeM = 50.0,
