@@ -60,15 +60,9 @@ class OpenLog:
         """Yield frames as a replay assembles them; the options are those of `ReplayRequest`. Raises ConfigError where
         an option isn't as expected. Raises LogError where the log has no message of any sensor with calibration.
         """
-        stream = FrameStream(
-            self.reader,
-            self.source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
-            self.source.stamps(stamps, offset),
-            make_excerpt(None, None, frames),
-            VirtualClock(),
-            self.faults,
-        )
-        return stream.frames(self.reader)
+        sync = self.source.sync(reference, timeout_ms, tolerance_ms, max_gap_s)
+        params = sync, self.source.stamps(stamps, offset), make_excerpt(None, None, frames)
+        return FrameStream(self.reader, *params, VirtualClock(), self.faults).frames(self.reader)
 
     def _repr_html_(self) -> str:
         """Show the log's name and sensors in a notebook."""

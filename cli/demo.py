@@ -78,7 +78,7 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     ConfigError where the folder can't be written.
     """
     from fbench.api.suite import run_suite
-    from fbench.cli.experiment import describe_measuring, is_lossy, results_of, simulate
+    from fbench.cli.experiment import is_lossy, results_of, simulate
     from fbench.datasets.importing.run import claim
 
     try:
@@ -104,8 +104,6 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
             say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")
             done = [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
             results = results_of(what, done)
-            notes = (describe_measuring(),)
-            results = replace(results, measured=tuple(replace(table, notes=notes) for table in results.measured))
             show_results(results)
             say(*(f"{path.stem}: {path}" for path in _write(what, results, done)))
             return EXIT_LOSSY if is_lossy(done) else EXIT_OK
