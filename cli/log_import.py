@@ -44,7 +44,7 @@ def import_(
     overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
     json: options.Json = False,
 ) -> None:
-    """Turn a public dataset into fbench logs; an import that was interrupted goes on when it is run again."""
+    """Turn a public dataset into fbench logs; run an interrupted import again to continue it."""
     from fbench.cli.import_lines import log_line
     from fbench.datasets.importing.guard import GuardedImporter
     from fbench.datasets.importing.run import import_recordings

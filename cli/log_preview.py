@@ -35,7 +35,7 @@ def preview(
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing preview.")] = False,
     json: options.Json = False,
 ) -> None:
-    """Draw what sensors see into each other: whether calibration, time and Doppler are right shows at one look."""
+    """Draw the data of sensors into each other, to show whether calibration, time and Doppler are right."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.engine.excerpt import make_excerpt
     from fbench.replay.logs.partial_rig import partial_rig

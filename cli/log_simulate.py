@@ -76,7 +76,7 @@ def simulate(
     else:
         if split is not None or form is not None:
             raise ConfigError(
-                f"{'--form' if split is None else '--split'}: only of a suite; here --seed and --out say it"
+                f"{'--form' if split is None else '--split'} is only for a suite; for one log, use --seed and --out"
             )
         wanted = [(request.spec(), Target(out, overwrite))]
         if not out.absolute().parent.is_dir():
@@ -108,7 +108,7 @@ def _suite_specs(request: "CityRequest", split: "Split | None") -> list[tuple["C
 
     for is_default, option in ((request.condition == "clear", "--condition"), (request.seed == 0, "--seed")):
         if not is_default:
-            raise ConfigError(f"{option}: the suite has its own; choose seeds with --split dev or test")
+            raise ConfigError(f"{option}: not for the suite, which has its own; choose seeds with --split dev or test")
     return [
         (replace(request, world=scene.world, condition=scene.condition, seed=seed).spec(), scene.name(seed))
         for scene in SUITE
@@ -120,7 +120,7 @@ def _training_specs(request: "CityRequest", split: "Split | None") -> list[tuple
     from fbench.datasets.city.request import CityRequest, training_logs
 
     if request != CityRequest(_TRAINING) or split is not None:
-        raise ConfigError("training: these logs are fixed; of the options only --out, --form, --threads, --overwrite")
+        raise ConfigError("training: these logs are fixed; use only --out, --form, --threads and --overwrite")
     return [(spec, name) for name, spec in training_logs()]
 
 

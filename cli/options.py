@@ -57,12 +57,12 @@ InterpolateTruthMs = Annotated[
         "--interpolate-truth",
         metavar="MS",
         min=0,
-        help="Frames without truth of their own get some by interpolation between truths that are at most this far "
-        "apart, in ms; 0: they don't.",
+        help="Interpolate truth for frames without truth, between truths that are at most this far apart, in ms; "
+        "0: don't.",
     ),
 ]
 MinCoverage = Annotated[
-    float, Option(metavar="SHARE", min=0, max=1, help="Exit with 1 if a smaller share of outputs had truth.")
+    float, Option(metavar="SHARE", min=0, max=1, help="Exit with 1 if a smaller share of outputs has truth.")
 ]
 NoMedia = Annotated[bool, Option("--no-media", help="Keep images and points out of the run.")]
 Redact = Annotated[

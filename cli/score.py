@@ -50,13 +50,13 @@ Seen = Annotated[
     Option(
         metavar="N",
         min=0,
-        help="Score only objects that some sensor of the log sees, as its truth tells: with N points of a LiDAR or "
-        "radar, such as 1, or in an image.",
+        help="Score only objects that a sensor of the log sees, as its truth says: with at least N points of a LiDAR "
+        "or radar, such as 1, or in an image.",
     ),
 ]
 Explain = Annotated[int | None, Option(metavar="FRAME", help="Explain what became of each box of this frame.")]
 Intervals = Annotated[
-    int, Option(metavar="N", min=0, help="Add 95 % confidence intervals from N bootstrap resamples (20 to 100000).")
+    int, Option(metavar="N", min=0, help="Add 95% confidence intervals from N bootstrap resamples (20 to 100000).")
 ]
 Seed = Annotated[int, Option(metavar="N", min=0, help="Seed of the resamples.")]
 
@@ -108,7 +108,7 @@ def score(
     require_fitting(given, len(runs or ()))
     resampling = Resampling(intervals, seed)
     if resampling.is_rough:
-        sys.stderr.write(f"--intervals {intervals}: so few resamples give the ends only roughly; 1000 are usual\n")
+        sys.stderr.write(f"--intervals {intervals}: so few resamples give only rough limits; 1000 are usual\n")
     if out is not None:
         _require_writable(out)
     classes = tuple(class_ or ())
@@ -168,7 +168,7 @@ def require_fitting(given: Collection[str], num_runs: int) -> None:
     run folders. Raises ConfigError naming the first such option.
     """
     if "seed" in given and "intervals" not in given:
-        raise ConfigError("--seed is of the resamples that --intervals N asks for, which is missing")
+        raise ConfigError("--seed is for the resamples of --intervals N, which is missing")
     if not num_runs:
         missing = [f"--{name}" for name in ("truth", "detections") if name not in given]
         if missing:

@@ -42,7 +42,7 @@ def verify(
     stamps: options.Stamps = None,
     json: options.Json = False,
 ) -> None:
-    """Replay in fresh processes under other rates, containers, hash seeds and threads, and say what differs first."""
+    """Replay in fresh processes under other rates, containers, hash seeds and threads, and name what differs first."""
     from fbench.api.runs import short_name
     from fbench.api.runs import verify as verify_replay
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline
