@@ -1,7 +1,7 @@
 """Logs: open one to read its messages and frames, and simulate one."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -84,7 +84,7 @@ class SimulateRequest:
     out: Path
     """`FILE.mcap` or `FOLDER.parquet`."""
     overwrite: bool = False
-    threads: int | None = field(default=None)
+    threads: int | None = None
     """How many to use; `None`: as many as there are cores. No byte depends on it."""
 
 
