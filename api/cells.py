@@ -20,7 +20,7 @@ _STDOUT, _STDERR = 1, 2
 
 
 @contextmanager
-def answers() -> Iterator[TextIO]:
+def own_stdout() -> Iterator[TextIO]:
     """Give what writes to this process's stdout, in UTF-8; what else goes there, from libraries and programs too, goes
     to stderr from here on.
     """
@@ -42,14 +42,14 @@ def folder_of(cell: ReplayRequest) -> Path:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Response:
     """What a process says of a cell; travels as JSON."""
 
     error: str | None = None  # Why there is no run, in one line
     unfit: bool = False  # Because the log lacks a sensor that the pipeline needs
 
 
-ANSWER = TypeAdapter(Answer)  # As JSON on one line, for another process
+RESPONSE = TypeAdapter(Response)  # As JSON on one line, for another process
 
 
 @dataclass(frozen=True)

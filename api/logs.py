@@ -1,7 +1,7 @@
 """Logs: open one to read its messages and frames, and simulate one."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -60,15 +60,9 @@ class OpenLog:
         """Yield frames as a replay assembles them; the options are those of `ReplayRequest`. Raises ConfigError where
         an option isn't as expected. Raises LogError where the log has no message of any sensor with calibration.
         """
-        stream = FrameStream(
-            self.reader,
-            self.source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
-            self.source.stamps(stamps, offset),
-            make_excerpt(None, None, frames),
-            Clock(),
-            self.faults,
-        )
-        return stream.frames(self.reader)
+        sync = self.source.sync(reference, timeout_ms, tolerance_ms, max_gap_s)
+        params = sync, self.source.stamps(stamps, offset), make_excerpt(None, None, frames)
+        return FrameStream(self.reader, *params, Clock(), self.faults).frames(self.reader)
 
     def _repr_html_(self) -> str:
         """Show the log's name and sensors in a notebook."""
@@ -90,7 +84,7 @@ class SimulateRequest:
     out: Path
     """`FILE.mcap` or `FOLDER.parquet`."""
     overwrite: bool = False
-    threads: int | None = field(default=None)
+    threads: int | None = None
     """How many to use; `None`: as many as there are cores. No byte depends on it."""
 
 

@@ -2,11 +2,11 @@
 
 import json
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fbench.api.scores import open_folder, score_folder
 from fbench.replay.contracts.faults import FaultLog, explain_losses
@@ -23,7 +23,7 @@ from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import VariantEntry, describe_host
 from fbench.replay.runs.redaction import public_name, public_pipeline
 from fbench.replay.runs.secrets import without_secrets
-from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.request import ReplayOptions, ReplayRequest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -224,18 +224,9 @@ def replay(
         score_folder(folder, request.scoring)
 
     with open_pipeline(request.pipeline, options.settings) as (pipeline, parameters), explain_losses(faults):
-        plan = Plan(
-            pipeline,
-            name,
-            parameters,
-            sync=options.sync,
-            stamps=options.stamps,
-            excerpt=options.excerpt,
-            topics=options.log.topics,
-            sensors=options.sensors,
+        plan = replace(
+            make_plan(options, pipeline, name, parameters),
             variant=entry,
-            inputs=options.log.input_entries(),
-            truth=options.log.truth_entry(),
             max_between_ns=options.max_between_ns,
             clock=clock,
             budget=options.budget,
@@ -253,6 +244,13 @@ def replay(
     if request.report:
         load("reports", "html")().write([run], folder / "report.html")
     return OpenRun(run)
+
+
+def make_plan(options: ReplayOptions, pipeline: Pipeline, name: str, parameters: Mapping[str, Any]) -> Plan:
+    """Plan a replay in lockstep, with all options that decide what the pipeline gets of the log."""
+    inputs, truth = options.log.input_entries(), options.log.truth_entry()
+    selection = options.sync, options.stamps, options.excerpt, options.log.topics, options.sensors
+    return Plan(pipeline, name, parameters, *selection, inputs=inputs, truth=truth)
 
 
 def name_pipeline(request: ReplayRequest) -> str:

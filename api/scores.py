@@ -44,7 +44,7 @@ class Resampling:
 
     @property
     def is_rough(self) -> bool:
-        """Whether so few resamples give the ends only roughly."""
+        """Whether so few resamples give only rough limits."""
         return 0 < self.intervals < _USUAL_RESAMPLES
 
     def bootstrap(self) -> "Bootstrap | None":

@@ -20,7 +20,7 @@ from typing import Self
 
 from pydantic import TypeAdapter
 
-from fbench.api.cells import ANSWER, RUN_SEAL, Answer, CellResult, folder_of, is_sealed_run, seal_run
+from fbench.api.cells import RESPONSE, RUN_SEAL, CellResult, Response, folder_of, is_sealed_run, seal_run
 from fbench.replay.contracts.errors import ConfigError, FbenchError, one_line
 from fbench.replay.contracts.plugins import pipeline_class, pipeline_parameters
 from fbench.replay.contracts.protocols import KeepsStderr
@@ -48,7 +48,7 @@ class Worker:
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `close`
         self._stderr_start = 0
 
-    def replay(self, cell: ReplayRequest) -> Answer:
+    def replay(self, cell: ReplayRequest) -> Response:
         """Have a cell replayed."""
         if self._process is None:
             # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
@@ -68,12 +68,12 @@ class Worker:
             reason = self._why_dead(process)
         else:
             try:
-                return ANSWER.validate_json(line)
+                return RESPONSE.validate_json(line)
             except ValueError:  # no answer of ours; which answer is whose can't be told any more
                 self.end()
                 reason = f"its process wrote {line[:80]!r} where an answer was expected"
         self._forget()
-        return Answer(reason)
+        return Response(reason)
 
     def end(self) -> None:
         """End the process; what it was writing is cleared away."""
@@ -298,13 +298,13 @@ class _Suite:
         try:
             if self._interrupted.is_set():
                 return CellResult(cell, "failed", "interrupted")
-            answer = worker.replay(cell)
+            response = worker.replay(cell)
         finally:
             with self._lock:
                 self._idle.append(worker)
-        if answer.error is not None:
+        if response.error is not None:
             with Draft(folder):  # removes what a killed worker left
-                return CellResult(cell, "unfit" if answer.unfit else "failed", answer.error)
+                return CellResult(cell, "unfit" if response.unfit else "failed", response.error)
         if key is not None and forecast.content is not None:
             seal_run(folder, key, forecast.content)
         return CellResult(cell, "replayed")

@@ -7,46 +7,42 @@ import signal
 import sys
 from types import FrameType
 
-from fbench.api.cells import ANSWER, Answer, answers
+from fbench.api.cells import RESPONSE, Response, own_stdout
 from fbench.api.runs import replay
-from fbench.replay.contracts.errors import FbenchError, one_line
+from fbench.replay.contracts.errors import FbenchError, TerminatedError, one_line
 from fbench.replay.setup.request import ReplayRequest
 
 _LACKS_SENSOR = "CFG001"
 
 
-class _EndedError(BaseException):
-    """SIGTERM came; cleans up on its way out, and no plug-in catches it."""
-
-
 def main() -> int:
-    """Answer every line."""
+    """Respond to every line."""
     import cv2
 
     cv2.setNumThreads(1)
     signal.signal(signal.SIGTERM, _end)
     try:
-        with answers() as out:
+        with own_stdout() as out:
             for line in sys.stdin.buffer:
-                answer = _answer(ReplayRequest.from_json(line.decode()))
-                print(ANSWER.dump_json(answer).decode(), file=out, flush=True)
-    except (_EndedError, KeyboardInterrupt):
+                response = _respond(ReplayRequest.from_json(line.decode()))
+                print(RESPONSE.dump_json(response).decode(), file=out, flush=True)
+    except (TerminatedError, KeyboardInterrupt):
         return 128 + signal.SIGTERM
     return 0
 
 
-def _answer(request: ReplayRequest) -> Answer:
+def _respond(request: ReplayRequest) -> Response:
     try:
         replay(request)
     except FbenchError as error:
-        return Answer(str(error), error.code == _LACKS_SENSOR)
+        return Response(str(error), error.code == _LACKS_SENSOR)
     except Exception as error:  # noqa: BLE001  # one cell mustn't stop the rest
-        return Answer(one_line(error))
-    return Answer()
+        return Response(one_line(error))
+    return Response()
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    raise _EndedError
+    raise TerminatedError
 
 
 if __name__ == "__main__":

@@ -13,7 +13,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from fbench.api.cells import answers
+from fbench.api.cells import own_stdout
+from fbench.api.runs import make_plan
 from fbench.api.scores import score_folder
 from fbench.replay.check.difference import TASK, WATCH, VerifyTask, WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
@@ -21,7 +22,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import give_log, open_pipeline
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
 from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.logs.open import open_container
 from fbench.replay.setup.source import LogSource
@@ -29,7 +30,7 @@ from fbench.replay.setup.source import LogSource
 
 def main() -> int:
     """Do what stdin says."""
-    with answers() as out:
+    with own_stdout() as out:
         try:
             run(TASK.validate_json(sys.stdin.buffer.read().decode()))
         except FbenchError as error:
@@ -54,20 +55,8 @@ def run(task: VerifyTask) -> None:
         give_log(pipeline, request.pipeline, lambda: log.open(faults))
         reader = WatchedReader(ahead)
         watched = WatchedPipeline(pipeline, reader)
-        plan = Plan(
-            watched,
-            "verified",
-            parameters,
-            sync=options.sync,
-            stamps=options.stamps,
-            excerpt=options.excerpt,
-            topics=log.topics,
-            sensors=options.sensors,
-            inputs=log.input_entries(),
-            truth=log.truth_entry(),
-            clock=make_clock(request.rate, options.sync.max_gap_ns),
-            num_media=0,
-        )
+        clock = make_clock(request.rate, options.sync.max_gap_ns)
+        plan = replace(make_plan(options, watched, "verified", parameters), clock=clock, num_media=0)
 
         def complete(folder: Path) -> None:
             (folder / WATCH).write_text(json.dumps(watched.rows), encoding="utf-8")

@@ -21,10 +21,7 @@ from fbench.replay.geometry.iou import iou_2d
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 NEAR_M, SEEN, IOU, SCORE = 30.0, 0.5, 0.5, 0.4
 """Vehicles count within this distance and where at least so much of them is visible."""
-WEIGHTS = {
-    "DEIMv2-Femto": "deimv2_femto/deimv2_hgnetv2_femto_coco.onnx",
-    "YOLOX-Nano": "yolox_nano/yolox_nano.onnx",
-}
+WEIGHTS = {"DEIMv2-Femto": "deimv2_femto/deimv2_hgnetv2_femto_coco.onnx", "YOLOX-Nano": "yolox_nano/yolox_nano.onnx"}
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")
 SECONDS, NUM_SEEDS = 2.0, 4
 Counts: TypeAlias = dict[tuple[str, WorldName], Counter[str]]  # By detector and world

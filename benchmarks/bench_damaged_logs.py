@@ -1,4 +1,4 @@
-"""What rosbags, the mcap package and fbench read of damaged copies of one recording: see docs/dependencies.md."""
+"""Damaged copies of one recording, read by rosbags, the mcap package and fbench: see docs/dependencies.md."""
 
 import random
 import tempfile

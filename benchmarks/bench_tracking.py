@@ -40,10 +40,10 @@ class PlainTrack:
         self.missed += 1
 
     def update(self, z: Float64, std: Float64) -> None:
-        look = np.eye(len(z), 2 * len(z))
-        gain = self.cov @ look.T @ np.linalg.inv(look @ self.cov @ look.T + np.diag(std**2))
-        self.mean = self.mean + gain @ (z - look @ self.mean)
-        self.cov = (np.eye(2 * len(z)) - gain @ look) @ self.cov
+        observe = np.eye(len(z), 2 * len(z))
+        gain = self.cov @ observe.T @ np.linalg.inv(observe @ self.cov @ observe.T + np.diag(std**2))
+        self.mean = self.mean + gain @ (z - observe @ self.mean)
+        self.cov = (np.eye(2 * len(z)) - gain @ observe) @ self.cov
         self.hits, self.missed = self.hits + 1, 0
 
 
@@ -87,11 +87,13 @@ def plain_3d(frames: Sequence[Boxes3D]) -> None:
         tracks += [PlainTrack(boxes.center_m[k], np.full(3, 0.3), np.full(3, 10.0)) for k in new]
 
 
-def associate(tracks: list[PlainTrack], z: Float64, alike: Float64, std: Callable[[Float64], Float64]) -> list[int]:
+def associate(
+    tracks: list[PlainTrack], z: Float64, similarity: Float64, std: Callable[[Float64], Float64]
+) -> list[int]:
     """Correct tracks by what belongs to them, and return which measurements belong to none."""
     taken = set()
-    for row, column in zip(*linear_sum_assignment(alike, maximize=True), strict=True):
-        if alike[row, column] > 0:
+    for row, column in zip(*linear_sum_assignment(similarity, maximize=True), strict=True):
+        if similarity[row, column] > 0:
             tracks[row].update(z[column], std(z[column]))
             taken.add(int(column))
     return [k for k in range(len(z)) if k not in taken]

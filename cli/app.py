@@ -122,7 +122,7 @@ def _line(error: Exception) -> str:
         case OSError():
             text = f"{error.filename or 'output'}: {error.strerror or error}"
         case MemoryError():
-            text = "out of memory: the data asks for more than there is"
+            text = "out of memory: the data needs more than there is"
         case _UsageError():
             text = error.format_message()
         case _:

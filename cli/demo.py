@@ -40,7 +40,7 @@ def demo(
 ) -> None:
     """Simulate drives through a city in all weathers, replay them into all pipelines, and compare.
 
-    What is there from an earlier time isn't made again.
+    Logs and runs that exist already aren't made again.
     """
     what = make_experiment(out, split, seconds, num_seeds)
     raise typer.Exit(run_experiment(what, workers or len(os.sched_getaffinity(0))))
@@ -63,7 +63,7 @@ def make_experiment(out: Path, split: "Split | None", seconds: float | None, num
     elif num_seeds is None:
         scenes = list(DEMO)
     else:
-        raise ConfigError("--num-seeds: of the full suite only; add --split dev or test")
+        raise ConfigError("--num-seeds is only for the full suite; add --split dev or test")
     logs = out / "logs"
     drives = [Drive(experiment_spec(scene, seed, length_s), logs) for scene, seed in scenes]
     drives = [replace(drive, log=logs / f"{drive.name}.mcap") for drive in drives]
@@ -78,7 +78,7 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     ConfigError where the folder can't be written.
     """
     from fbench.api.suite import run_suite
-    from fbench.cli.experiment import describe_measuring, is_lossy, results_of, simulate
+    from fbench.cli.experiment import is_lossy, results_of, simulate
     from fbench.datasets.importing.run import claim
 
     try:
@@ -104,13 +104,11 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
             say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")
             done = [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
             results = results_of(what, done)
-            notes = (describe_measuring(),)
-            results = replace(results, measured=tuple(replace(table, notes=notes) for table in results.measured))
             show_results(results)
             say(*(f"{path.stem}: {path}" for path in _write(what, results, done)))
             return EXIT_LOSSY if is_lossy(done) else EXIT_OK
     except KeyboardInterrupt:
-        sys.stderr.write("fbench: interrupted; what is finished stays, and the same command goes on from there\n")
+        sys.stderr.write("fbench: interrupted; finished work is kept, and the same command continues from there\n")
         raise
 
 

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -126,8 +126,11 @@ def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]])
     for drive, pipeline, run in runs:
         if drive.condition == CLEAR:
             timings[pipeline].append(run.timings)
-    facts, problems = tuple(_facts(experiment, runs)), tuple(_problems(done, runs))
-    return Results("The simulated city as an experiment", facts, tables, (latency_table(timings),), problems)
+    host, facts, problems = describe_host(), tuple(_facts(experiment, runs)), tuple(_problems(done, runs))
+    where = f"{host['cpu']}, {host['cores']} cores"
+    note = f"Wall time on {where}; other replays may have run beside it, and it differs from run to run."
+    measured = replace(latency_table(timings), notes=(note,))
+    return Results("The simulated city as an experiment", facts, tables, (measured,), problems)
 
 
 def runs_to_show(done: Sequence[tuple[Drive, CellResult]]) -> list[Run]:
@@ -192,10 +195,3 @@ def _problems(done: Sequence[tuple[Drive, CellResult]], runs: Sequence[tuple[Dri
     for drive, pipeline, run in runs:
         if not run.manifest.complete:
             yield f"incomplete: {pipeline} on {drive.name} lost data"
-
-
-def describe_measuring() -> str:
-    """Return on what machine the times were measured."""
-    host = describe_host()
-    where = f"{host['cpu']}, {host['cores']} cores"
-    return f"Wall time on {where}; other replays may have run beside it, and it differs from run to run."

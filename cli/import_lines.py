@@ -62,8 +62,7 @@ def log_line(log: ImportedLog) -> str:
     skipped = f", {log.num_skipped} skipped" if log.num_skipped else ""
     if log.written is None:
         return f"{log.path} isn't written{skipped}"
-    num = sum(log.written.messages.values())
-    return f"{log.path}: {num} messages, {log.written.num_bytes / 1e6:.3g} MB{skipped}"
+    return f"{log.path}: {log.written.num_messages} messages, {log.written.num_bytes / 1e6:.3g} MB{skipped}"
 
 
 def join_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:

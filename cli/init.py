@@ -23,7 +23,7 @@ def init(
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing file.")] = False,
     json: options.Json = False,
 ) -> None:
-    """Look at a log and write an fbench.toml that says what is in it, with the reasons."""
+    """Inspect a log and write an fbench.toml that describes it, with the reasons."""
     from fbench.replay.contracts.errors import ConfigError
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.data.files import replace_text

@@ -49,25 +49,32 @@ def check(
     from fbench.replay.check.log_check import CheckOptions, check_log
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.contracts.plugins import give_log, open_pipeline
+    from fbench.replay.contracts.sensor_settings import make_sensors
+    from fbench.replay.contracts.variants import sensors_of
+    from fbench.replay.setup.source import LogRequest, log_source
 
     require_codes(ignore or ())
-    request = options.replay_request(locals(), needs_pipeline=False)
-    faults, chosen = FaultLog(), request.resolve()
-    name = short_name(pipeline) if pipeline else ""
+    boxes = options.box_source(truth, truth_format, truth_frame)
+    source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or ()))
+    patterns = make_sensors(sensors or ())
+    sync = source.sync(reference, timeout_ms, tolerance_ms, max_gap_s)
+    stamp_params = source.stamps(stamps, offset or ())
+    given = tuple(sensors_of(pipeline, patterns) if pipeline else patterns)
+    faults, name = FaultLog(), short_name(pipeline) if pipeline else ""
     # What a plug-in prints must not get between the lines of --json.
     with (
         redirect_stdout(sys.stderr),
         open_pipeline(pipeline, list(settings or ())) if pipeline else nullcontext() as opened,
         explain_losses(faults),
     ):
-        reader = chosen.log.open(faults)
+        reader = source.open(faults)
         if opened is not None:
-            give_log(opened[0], name, lambda: chosen.log.open(faults))
+            give_log(opened[0], name, lambda: source.open(faults))
         total = sum(reader.container.counts.values())
         with message_progress(f"{log.name}: reading all", total) as progress:
             tried = None if opened is None else (name, opened[0])
             ignored = tuple(ignore or ())
-            how = CheckOptions(chosen.sync, chosen.stamps, images, tried, chosen.sensors, ignored, progress)
+            how = CheckOptions(sync, stamp_params, images, tried, given, ignored, progress)
             result = check_log(reader, faults, how)
     if json:
         print_json(_content(result))

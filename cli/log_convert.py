@@ -31,12 +31,10 @@ def convert(
             "--from", metavar="T", help="Start of the cut: seconds after the first measurement, or a log time 'Nns'."
         ),
     ] = None,
-    to: Annotated[str | None, Option("--to", metavar="T", help="End of the cut (excluded).")] = None,
+    to: Annotated[str | None, Option(metavar="T", help="End of the cut (excluded).")] = None,
     topics: Annotated[
         list[str] | None,
-        Option(
-            "--topics", metavar="PATTERN", help="Keep only these topics or sensors ('!PATTERN' excludes); repeatable."
-        ),
+        Option(metavar="PATTERN", help="Keep only these topics or sensors ('!PATTERN' excludes); repeatable."),
     ] = None,
     split_s: Annotated[
         float | None, Option(metavar="SECONDS", help="Write a folder of MCAP files, each of this duration.")
@@ -88,7 +86,6 @@ def convert(
         say(f"left out: {num} messages on {topic}, which fbench doesn't understand")
     rigs = f", {result.num_rigs} {'rig' if result.num_rigs == 1 else 'rigs'}" if result.num_rigs else ""
     parts = f" in {len(result.parts)} parts" if result.parts else ""
-    total = sum(result.messages.values())
     say(*fault_lines(rows), f"id: {result.log_id}")
-    say(f"log: {result.path}: {total} messages{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")
+    say(f"log: {result.path}: {result.num_messages} messages{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")
     raise typer.Exit(code)

@@ -27,8 +27,8 @@ def export(
         str | None,
         Option(
             metavar="WHICH",
-            help="tracks, detections or truth; else tracks of a run where the format needs ids, detections where it "
-            "doesn't, and truth of a log.",
+            help="tracks, detections or truth (default: truth of a log; tracks of a run if the format needs ids, else "
+            "its detections).",
         ),
     ] = None,
     camera: Annotated[str, Option(metavar="NAME", help="Camera of the 2D boxes (default: the only one).")] = "",

@@ -28,16 +28,13 @@ def import_(
         Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, or a folder for several.")
     ],
     scenes: Annotated[
-        list[str] | None,
-        Option("--scenes", metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable."),
+        list[str] | None, Option(metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable.")
     ] = None,
     frames: Annotated[
-        str | None,
-        Option("--frames", metavar="A:B", help="Only these frames, numbered as in the dataset, B excluded."),
+        str | None, Option(metavar="A:B", help="Only these frames, numbered as in the dataset, B excluded.")
     ] = None,
     detections: Annotated[
-        Path | None,
-        Option(metavar="DIR", help="Also import the results of another system (KITTI's benchmarks)."),
+        Path | None, Option(metavar="DIR", help="Also import the results of another system (KITTI's benchmarks).")
     ] = None,
     settings: options.Settings = None,
     skip_bad: Annotated[
@@ -47,7 +44,7 @@ def import_(
     overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
     json: options.Json = False,
 ) -> None:
-    """Turn a public dataset into fbench logs; an import that was interrupted goes on when it is run again."""
+    """Turn a public dataset into fbench logs; run an interrupted import again to continue it."""
     from fbench.cli.import_lines import log_line
     from fbench.datasets.importing.guard import GuardedImporter
     from fbench.datasets.importing.run import import_recordings
@@ -74,7 +71,7 @@ def import_(
         wish = ImportWish(names, FrameRange(excerpt.first, excerpt.stop), bad)
         for log in import_recordings(importer, source, wish, targets, progress):
             logs.append(log)
-            with progress.finish(0 if log.written is None else sum(log.written.messages.values())):
+            with progress.finish(0 if log.written is None else log.written.num_messages):
                 if len(names) > 1 and not json:
                     say(f"{log.name}: {log_line(log)}")
     if json:

@@ -25,9 +25,9 @@ def info(
     """Show what a log holds: topics, rates, duration, sensors, calibration, truth, segments."""
     from fbench.replay.check.survey import survey
     from fbench.replay.contracts.faults import FaultLog, explain_losses
-    from fbench.replay.setup.source import log_source
+    from fbench.replay.setup.source import LogRequest, log_source
 
-    source, faults = log_source(options.log_request(locals())), FaultLog()
+    source, faults = log_source(LogRequest(log, config, rig or ())), FaultLog()
     with explain_losses(faults):
         result = survey(source.open(faults), source.sync(None, None, None, None))
     if json:

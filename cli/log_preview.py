@@ -33,15 +33,16 @@ def preview(
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing preview.")] = False,
     json: options.Json = False,
 ) -> None:
-    """Draw what sensors see into each other: whether calibration, time and Doppler are right shows at one look."""
+    """Draw the data of sensors into each other, to show whether calibration, time and Doppler are right."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.engine.excerpt import make_excerpt
     from fbench.replay.logs.partial_rig import partial_rig
-    from fbench.replay.setup.source import log_source
+    from fbench.replay.setup.source import LogRequest, log_source
     from fbench.reports.preview.collect import PreviewRequest, collect
     from fbench.reports.preview.preview import write_preview
 
-    source = log_source(options.log_request(locals()))
+    boxes = options.box_source(truth, truth_format, truth_frame)
+    source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or ()))
     sync = replace(source.sync(reference, None, None, None), timeout_ns=TIMEOUT_NS)
     request = PreviewRequest(num, sync, source.stamps(stamps, offset or []), make_excerpt(None, None, frames))
     place = out or Path(f"{log.resolve().stem}-preview")

@@ -39,15 +39,13 @@ def simulate(
     seconds: Annotated[float, Option(metavar="S", help="Length of the log, in s.")] = 10.0,
     seed: Annotated[int, Option(metavar="N", help="Random seed. Equal seeds give equal bytes.")] = 0,
     split: Annotated[
-        Literal["dev", "test"] | None,
-        Option(help="Seeds of a suite: 'dev' to develop on (default), 'test' to report."),
+        Literal["dev", "test"] | None, Option(help="Seeds of a suite: 'dev' to develop on (default), 'test' to report.")
     ] = None,
     rig: Annotated[
-        Path | None, Option("--rig", metavar="FILE", help="TOML with the sensors (default: the thesis's rig).")
+        Path | None, Option(metavar="FILE", help="TOML with the sensors (default: the thesis's rig).")
     ] = None,
     sensors: Annotated[
-        list[str] | None,
-        Option("--sensors", metavar="PATTERN", help="Only these sensors ('!PATTERN' excludes); repeatable."),
+        list[str] | None, Option(metavar="PATTERN", help="Only these sensors ('!PATTERN' excludes); repeatable.")
     ] = None,
     settings: Annotated[
         list[str] | None, Option("--set", metavar="NAME=VALUE", help="Change a sensor or the weather; repeatable.")
@@ -78,7 +76,7 @@ def simulate(
     else:
         if split is not None or form is not None:
             raise ConfigError(
-                f"{'--form' if split is None else '--split'}: only of a suite; here --seed and --out say it"
+                f"{'--form' if split is None else '--split'} is only for a suite; for one log, use --seed and --out"
             )
         wanted = [(request.spec(), Target(out, overwrite))]
         if not out.absolute().parent.is_dir():
@@ -93,7 +91,7 @@ def simulate(
             for spec, target in wanted:
                 log = write_recording(CityRecording(spec, target.path.stem, threads), target, progress)
                 done.append(log)
-                with progress.finish(0 if log.written is None else sum(log.written.messages.values())):
+                with progress.finish(0 if log.written is None else log.written.num_messages):
                     if not json:
                         say(*log.lines, f"log: {log_line(log)}")
     except KeyboardInterrupt:
@@ -110,7 +108,7 @@ def _suite_specs(request: "CityRequest", split: "Split | None") -> list[tuple["C
 
     for is_default, option in ((request.condition == "clear", "--condition"), (request.seed == 0, "--seed")):
         if not is_default:
-            raise ConfigError(f"{option}: the suite has its own; choose seeds with --split dev or test")
+            raise ConfigError(f"{option}: not for the suite, which has its own; choose seeds with --split dev or test")
     return [
         (replace(request, world=scene.world, condition=scene.condition, seed=seed).spec(), scene.name(seed))
         for scene in SUITE
@@ -122,7 +120,7 @@ def _training_specs(request: "CityRequest", split: "Split | None") -> list[tuple
     from fbench.datasets.city.request import CityRequest, training_logs
 
     if request != CityRequest(_TRAINING) or split is not None:
-        raise ConfigError("training: these logs are fixed; of the options only --out, --form, --threads, --overwrite")
+        raise ConfigError("training: these logs are fixed; use only --out, --form, --threads and --overwrite")
     return [(spec, name) for name, spec in training_logs()]
 
 

@@ -1,123 +1,88 @@
-"""Options that several commands share, the requests that they make, and the examples shown by `--help`."""
+"""Options that several commands share, and the examples shown by `--help`."""
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 if TYPE_CHECKING:
     from fbench.replay.logs.setup import BoxSource
-    from fbench.replay.setup.request import ReplayRequest
-    from fbench.replay.setup.source import LogRequest
 
 Log = Annotated[Path, Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
 Settings = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE", help="Change a parameter; repeatable.")]
 Json = Annotated[bool, Option("--json", help="Print JSON for machines.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace an existing run.")]
-RangeM = Annotated[float, Option("--range-m", metavar="M", min=0, help="Score objects within this distance, in m.")]
+RangeM = Annotated[float, Option(metavar="M", min=0, help="Score objects within this distance, in m.")]
 InView = Annotated[bool, Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
 DistanceM = Annotated[
-    float, Option("--distance-m", metavar="M", min=0, help="3D match: maximum distance of centers on the ground, in m.")
+    float, Option(metavar="M", min=0, help="3D match: maximum distance of centers on the ground, in m.")
 ]
-Reference = Annotated[
-    str | None, Option("--reference", metavar="SENSOR", help="Sensor whose stamps define the frames.")
-]
+Reference = Annotated[str | None, Option(metavar="SENSOR", help="Sensor whose stamps define the frames.")]
 TimeoutMs = Annotated[
     float | None,
     Option(
-        "--timeout-ms",
-        metavar="MS",
-        min=0,
-        help="How long a frame waits for its sensors, in ms (default: as the log says, else 30).",
+        metavar="MS", min=0, help="How long a frame waits for its sensors, in ms (default: as the log says, else 30)."
     ),
 ]
 ToleranceMs = Annotated[
     float | None,
-    Option(
-        "--tolerance-ms",
-        metavar="MS",
-        min=0,
-        help="Maximum distance of a stamp from the frame's instant, in ms (default: 50).",
-    ),
+    Option(metavar="MS", min=0, help="Maximum distance of a stamp from the frame's instant, in ms (default: 50)."),
 ]
-MaxGapS = Annotated[
-    float | None, Option("--max-gap-s", metavar="S", min=0, help="Gap that starts a new segment, in s (default: 2).")
-]
+MaxGapS = Annotated[float | None, Option(metavar="S", min=0, help="Gap that starts a new segment, in s (default: 2).")]
 From = Annotated[
-    str | None,
-    Option("--from", metavar="T", help="Start: seconds after the first measurement, or a stamp 'Nns'."),
+    str | None, Option("--from", metavar="T", help="Start: seconds after the first measurement, or a stamp 'Nns'.")
 ]
-To = Annotated[str | None, Option("--to", metavar="T", help="End (excluded).")]
-Frames = Annotated[str | None, Option("--frames", metavar="A:B", help="Frame indices, B excluded.")]
+To = Annotated[str | None, Option(metavar="T", help="End (excluded).")]
+Frames = Annotated[str | None, Option(metavar="A:B", help="Frame indices, B excluded.")]
 Topics = Annotated[
     list[str] | None,
-    Option("--topics", metavar="PATTERN", help="Read only these topics or sensors ('!PATTERN' excludes); repeatable."),
+    Option(metavar="PATTERN", help="Read only these topics or sensors ('!PATTERN' excludes); repeatable."),
 ]
 Sensors = Annotated[
     list[str] | None,
-    Option(
-        "--sensors", metavar="PATTERN", help="Give the pipeline only these sensors ('!PATTERN' excludes); repeatable."
-    ),
+    Option(metavar="PATTERN", help="Give the pipeline only these sensors ('!PATTERN' excludes); repeatable."),
 ]
 Offset = Annotated[
-    list[str] | None,
-    Option("--offset", metavar="SENSOR=MS", help="Offset added to the stamps of a sensor; repeatable."),
+    list[str] | None, Option(metavar="SENSOR=MS", help="Offset added to the stamps of a sensor; repeatable.")
 ]
 Stamps = Annotated[
     str | None,
-    Option(
-        "--stamps",
-        metavar="SOURCE",
-        help="Use the stamps of the 'header' (default), or the recording times of the 'log'.",
-    ),
+    Option(metavar="SOURCE", help="Use the stamps of the 'header' (default), or the recording times of the 'log'."),
 ]
-ReadAhead = Annotated[
-    str, Option("--read-ahead", metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")
-]
+ReadAhead = Annotated[str, Option(metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")]
 InterpolateTruthMs = Annotated[
     float,
     Option(
         "--interpolate-truth",
         metavar="MS",
         min=0,
-        help="Frames without truth of their own get some by interpolation between truths that are at most this far "
-        "apart, in ms; 0: they don't.",
+        help="Interpolate truth for frames without truth, between truths that are at most this far apart, in ms; "
+        "0: don't.",
     ),
 ]
 MinCoverage = Annotated[
-    float,
-    Option(
-        "--min-coverage", metavar="SHARE", min=0, max=1, help="Exit with 1 if a smaller share of outputs had truth."
-    ),
+    float, Option(metavar="SHARE", min=0, max=1, help="Exit with 1 if a smaller share of outputs has truth.")
 ]
 NoMedia = Annotated[bool, Option("--no-media", help="Keep images and points out of the run.")]
 Redact = Annotated[
     bool, Option("--redact", help="Also leave out log and file names, paths, poses, and the places of faults.")
 ]
-Iou = Annotated[float, Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: minimum overlap (IoU).")]
+Iou = Annotated[float, Option(metavar="SHARE", min=0, max=1, help="2D match: minimum overlap (IoU).")]
 Config = Annotated[
     str | None,
-    Option(
-        "--config", metavar="FILE", help="Configuration file (default: fbench.toml beside the log); 'none' uses none."
-    ),
+    Option(metavar="FILE", help="Configuration file (default: fbench.toml beside the log); 'none' uses none."),
 ]
 RigFiles = Annotated[
-    list[Path] | None,
-    Option("--rig", metavar="FILE", help="Calibration: TOML, URDF, Kalibr or camera_info YAML; repeatable."),
+    list[Path] | None, Option(metavar="FILE", help="Calibration: TOML, URDF, Kalibr or camera_info YAML; repeatable.")
 ]
-TruthFile = Annotated[Path | None, Option("--truth", metavar="PATH", help="Ground truth from this file or folder.")]
-TruthFormat = Annotated[
-    str | None, Option("--truth-format", metavar="FORMAT", help="Format of --truth if its content doesn't show it.")
-]
+TruthFile = Annotated[Path | None, Option(metavar="PATH", help="Ground truth from this file or folder.")]
+TruthFormat = Annotated[str | None, Option(metavar="FORMAT", help="Format of --truth if its content doesn't show it.")]
 TruthFrame = Annotated[
-    str,
-    Option("--truth-frame", metavar="NAME", help="Coordinate frame or camera of --truth if the file doesn't name it."),
+    str, Option(metavar="NAME", help="Coordinate frame or camera of --truth if the file doesn't name it.")
 ]
 DetectionsFile = Annotated[
-    Path | None,
-    Option("--detections", metavar="PATH", help="Score these results of another system, from a file or folder."),
+    Path | None, Option(metavar="PATH", help="Score these results of another system, from a file or folder.")
 ]
 PipelineOrFile = Annotated[
     str | None,
@@ -128,12 +93,7 @@ PipelineOrFile = Annotated[
 ]  # fmt: skip
 DetectEvery = Annotated[
     int | None,
-    Option(
-        "--detect-every",
-        metavar="N",
-        min=1,
-        help="Run detection on every N-th frame only, and predict tracks in between.",
-    ),
+    Option(metavar="N", min=1, help="Run detection on every N-th frame only, and predict tracks in between."),
 ]
 
 
@@ -142,30 +102,6 @@ def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | 
     from fbench.replay.logs.setup import BoxSource
 
     return None if path is None else BoxSource(path, form, frame, frame)
-
-
-def log_request(given: Mapping[str, Any]) -> "LogRequest":
-    """Return what the parameters of a command, by name, say about its log."""
-    from fbench.replay.setup.source import LogRequest
-
-    frame = given.get("truth_frame", "")
-    truth = box_source(given.get("truth"), given.get("truth_format"), frame)
-    results = box_source(given.get("detections"), None, frame)
-    return LogRequest(
-        given["log"], given.get("config"), given.get("rig") or (), truth, results, given.get("topics") or ()
-    )
-
-
-def replay_request(given: Mapping[str, Any], needs_pipeline: bool = True) -> "ReplayRequest":
-    """Return the request that the parameters of a command, by name, make: those that are called as its fields. Raises
-    ConfigError where a pipeline is needed, and none is named, or one that doesn't read the given detections.
-    """
-    from fbench.replay.setup.request import ReplayRequest, choose_pipeline
-
-    log, names = log_request(given), {f.name for f in fields(ReplayRequest)} - {"log", "pipeline"}
-    pipeline = choose_pipeline(given["pipeline"], log.detections) if needs_pipeline else given["pipeline"] or ""
-    chosen = {name: value for name, value in given.items() if name in names and value is not None}
-    return ReplayRequest(log, pipeline, **chosen)
 
 
 _EXAMPLES: Mapping[str, tuple[str, ...]] = {

@@ -15,7 +15,7 @@ def plugins(
                        show_default=False),
     ] = None,
 ) -> None:  # fmt: skip
-    """List plug-ins and metrics, or say what one of them is."""
+    """List plug-ins and metrics, or describe one of them."""
     from fbench.cli import listing
 
     match group, name:

@@ -24,10 +24,10 @@ def replay(
     truth_frame: options.TruthFrame = "",
     interpolate_truth_ms: options.InterpolateTruthMs = 0.0,
     detections: options.DetectionsFile = None,
-    out: Annotated[Path | None, Option("--out", "-o", help="Run folder, by default runs/LOG-PIPELINE.")] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help="Run folder; runs/LOG-PIPELINE by default.")] = None,
     overwrite: options.Overwrite = False,
     rate: Annotated[
-        str, Option("--rate", metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
+        str, Option(metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
     ] = "max",
     reference: options.Reference = None,
     timeout_ms: options.TimeoutMs = None,
@@ -42,14 +42,12 @@ def replay(
     stamps: options.Stamps = None,
     read_ahead: options.ReadAhead = "auto",
     on_fault: Annotated[
-        str, Option("--on-fault", metavar="HOW", help="'strict': exit 4 if data were lost; 'tolerant': only count it.")
+        str, Option(metavar="HOW", help="'strict': exit 4 if data were lost; 'tolerant': only count it.")
     ] = "strict",
     fault_budget: Annotated[
         list[str] | None,
         Option(
-            "--fault-budget",
-            metavar="[CODE=]N",
-            help="Allowed number of faults that lose data, in total or of one code; repeatable.",
+            metavar="[CODE=]N", help="Allowed number of faults that lose data, in total or of one code; repeatable."
         ),
     ] = None,
     range_m: options.RangeM = 50.0,
@@ -64,13 +62,44 @@ def replay(
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
     from fbench.api.runs import name_pipeline
-    from fbench.api.runs import replay as replay_request
+    from fbench.api.runs import replay as replay_log
     from fbench.cli.run_summary import require_coverage, show_run
     from fbench.cli.show import frame_progress, show_traceback
     from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
     from fbench.replay.data.scores import ScoreOptions
+    from fbench.replay.setup.request import ReplayRequest, choose_pipeline
+    from fbench.replay.setup.source import LogRequest
 
-    request = options.replay_request({**locals(), "scoring": ScoreOptions(range_m, in_view, distance_m, iou)})
+    boxes = options.box_source(truth, truth_format, truth_frame)
+    results = options.box_source(detections, None, truth_frame)
+    source = LogRequest(log, config, rig or (), boxes, results, topics or ())
+    request = ReplayRequest(
+        source,
+        choose_pipeline(pipeline, results),
+        settings=settings or (),
+        detect_every=detect_every,
+        sensors=sensors or (),
+        reference=reference,
+        timeout_ms=timeout_ms,
+        tolerance_ms=tolerance_ms,
+        max_gap_s=max_gap_s,
+        offset=offset or (),
+        stamps=stamps,
+        from_=from_,
+        to=to,
+        frames=frames,
+        interpolate_truth_ms=interpolate_truth_ms,
+        out=out,
+        overwrite=overwrite,
+        rate=rate,
+        read_ahead=read_ahead,
+        on_fault=on_fault,
+        fault_budget=fault_budget or (),
+        scoring=ScoreOptions(range_m, in_view, distance_m, iou),
+        no_media=no_media,
+        redact=redact,
+        report=report,
+    )
     debug, failed = bool(context.find_root().params["debug"]), list[BaseException]()
 
     def show_first(error: BaseException) -> None:
@@ -81,6 +110,6 @@ def replay(
     # What a plug-in prints must not get between the lines of --json.
     title = f"{log.name} → {name_pipeline(request)}"
     with redirect_stdout(sys.stderr), frame_progress(title) as progress:
-        run = replay_request(request, progress, show_first).run
+        run = replay_log(request, progress, show_first).run
     show_run(run, json)
     raise typer.Exit(require_coverage(run, min_coverage, EXIT_OK if run.manifest.complete else EXIT_LOSSY))

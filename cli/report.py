@@ -12,7 +12,7 @@ def report(
     out: Annotated[
         Path | None, Option("--out", "-o", help="The report (default: report.html in the first RUN).")
     ] = None,
-    kind: Annotated[str, Option(help="Report plug-in that writes it.")] = "html",
+    kind: Annotated[str, Option(help="Report plug-in to use.")] = "html",
 ) -> None:
     """Write one self-contained report of one or several runs."""
     from fbench.api.runs import open_run

@@ -86,5 +86,5 @@ def require_coverage(run: Run, min_coverage: float, code: int) -> int:
     coverage = coverage_of(run)
     if coverage.share >= min_coverage:
         return code
-    sys.stderr.write(f"too little truth: {coverage}, fewer than --min-coverage {min_coverage:g} asks for\n")
+    sys.stderr.write(f"too little truth: {coverage}, but --min-coverage requires {min_coverage:g}\n")
     return EXIT_NO if code == EXIT_OK else code

@@ -24,63 +24,41 @@ Runs = Annotated[
     ),
 ]
 DetectionsFormat = Annotated[
-    str | None,
-    Option("--detections-format", metavar="FORMAT", help="Format of --detections if its content doesn't show it."),
+    str | None, Option(metavar="FORMAT", help="Format of --detections if its content doesn't show it.")
 ]
 Profile = Annotated[
-    str | None,
-    Option(
-        "--profile",
-        metavar="NAME",
-        help="Profile whose rules to score by; see `fbench plugins profiles`.",
-    ),
+    str | None, Option(metavar="NAME", help="Profile whose rules to score by; see `fbench plugins profiles`.")
 ]
 Match = Annotated[
-    str | None,
-    Option("--match", metavar="HOW:NUMBER", help="Matching rule of the profile: iou3d:0.25, iou2d:0.5, bev:2 ..."),
+    str | None, Option(metavar="HOW:NUMBER", help="Matching rule of the profile: iou3d:0.25, iou2d:0.5, bev:2 ...")
 ]
 Class = Annotated[list[str] | None, Option("--class", metavar="NAME", help="Only this class; repeatable.")]
-Sequences = Annotated[
-    str | None, Option("--sequences", metavar="NAMES", help="For files: only these sequences, separated by commas.")
-]
+Sequences = Annotated[str | None, Option(metavar="NAMES", help="For files: only these sequences, separated by commas.")]
 Seqmap = Annotated[
-    Path | None,
-    Option("--seqmap", metavar="FILE", help="For files: list of sequences and their lengths, as TrackEval reads it."),
+    Path | None, Option(metavar="FILE", help="For files: list of sequences and their lengths, as TrackEval reads it.")
 ]
-Missing = Annotated[
-    str, Option("--missing", metavar="WHAT", help="Sequences without a results file: 'error', or 'empty' results.")
-]
+Missing = Annotated[str, Option(metavar="WHAT", help="Sequences without a results file: 'error', or 'empty' results.")]
 Out = Annotated[
     Path | None,
     Option("-o", "--out", metavar="FILE", help="File for all rows, as JSON: of a profile, or of several RUNs."),
 ]
 Region = Annotated[
-    str | None,
-    Option("--region", metavar="KINDS", help="Only boxes in these regions of the log: road, or road,sidewalk."),
+    str | None, Option(metavar="KINDS", help="Only boxes in these regions of the log: road, or road,sidewalk.")
 ]
 Seen = Annotated[
     int,
     Option(
-        "--seen",
         metavar="N",
         min=0,
-        help="Score only objects that some sensor of the log sees, as its truth tells: with N points of a LiDAR or "
-        "radar, such as 1, or in an image.",
+        help="Score only objects that a sensor of the log sees, as its truth says: with at least N points of a LiDAR "
+        "or radar, such as 1, or in an image.",
     ),
 ]
-Explain = Annotated[
-    int | None, Option("--explain", metavar="FRAME", help="Explain what became of each box of this frame.")
-]
+Explain = Annotated[int | None, Option(metavar="FRAME", help="Explain what became of each box of this frame.")]
 Intervals = Annotated[
-    int,
-    Option(
-        "--intervals",
-        metavar="N",
-        min=0,
-        help="Add 95 % confidence intervals from N bootstrap resamples (20 to 100000).",
-    ),
+    int, Option(metavar="N", min=0, help="Add 95% confidence intervals from N bootstrap resamples (20 to 100000).")
 ]
-Seed = Annotated[int, Option("--seed", metavar="N", min=0, help="Seed of the resamples.")]
+Seed = Annotated[int, Option(metavar="N", min=0, help="Seed of the resamples.")]
 
 
 _OF_FILES = ("detections", "detections_format", "sequences", "seqmap", "missing")
@@ -130,7 +108,7 @@ def score(
     require_fitting(given, len(runs or ()))
     resampling = Resampling(intervals, seed)
     if resampling.is_rough:
-        sys.stderr.write(f"--intervals {intervals}: so few resamples give the ends only roughly; 1000 are usual\n")
+        sys.stderr.write(f"--intervals {intervals}: so few resamples give only rough limits; 1000 are usual\n")
     if out is not None:
         _require_writable(out)
     classes = tuple(class_ or ())
@@ -190,7 +168,7 @@ def require_fitting(given: Collection[str], num_runs: int) -> None:
     run folders. Raises ConfigError naming the first such option.
     """
     if "seed" in given and "intervals" not in given:
-        raise ConfigError("--seed is of the resamples that --intervals N asks for, which is missing")
+        raise ConfigError("--seed is for the resamples of --intervals N, which is missing")
     if not num_runs:
         missing = [f"--{name}" for name in ("truth", "detections") if name not in given]
         if missing:

@@ -42,13 +42,33 @@ def verify(
     stamps: options.Stamps = None,
     json: options.Json = False,
 ) -> None:
-    """Replay in fresh processes under other rates, containers, hash seeds and threads, and say what differs first."""
+    """Replay in fresh processes under other rates, containers, hash seeds and threads, and name what differs first."""
     from fbench.api.runs import short_name
-    from fbench.api.runs import verify as verify_request
+    from fbench.api.runs import verify as verify_replay
+    from fbench.replay.setup.request import ReplayRequest, choose_pipeline
+    from fbench.replay.setup.source import LogRequest
 
-    request = options.replay_request(locals())
+    boxes = options.box_source(truth, truth_format, truth_frame)
+    results = options.box_source(detections, None, truth_frame)
+    source = LogRequest(log, config, rig or (), boxes, results, topics or ())
+    request = ReplayRequest(
+        source,
+        choose_pipeline(pipeline, results),
+        settings=settings or (),
+        detect_every=detect_every,
+        sensors=sensors or (),
+        reference=reference,
+        timeout_ms=timeout_ms,
+        tolerance_ms=tolerance_ms,
+        max_gap_s=max_gap_s,
+        offset=offset or (),
+        stamps=stamps,
+        from_=from_,
+        to=to,
+        frames=frames,
+    )
     with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
-        found = verify_request(request, repeat, quick, keep, progress)
+        found = verify_replay(request, repeat, quick, keep, progress)
     if json:
         rows = [
             {"variant": name, "difference": odd and asdict(odd), "identical": not odd}

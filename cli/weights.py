@@ -48,12 +48,12 @@ def get(
 def train(
     folder: Annotated[Path, Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
     out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="File for the weights.")],
-    seed: Annotated[int | None, Option(min=0, help="Seed of the first weights and of the augmentation.")] = None,
-    steps: Annotated[int | None, Option(min=1, help="Use fewer for a trial.")] = None,
+    seed: Annotated[int | None, Option(min=0, help="Seed of the initial weights and of the augmentation.")] = None,
+    steps: Annotated[int | None, Option(min=1, help="Number of training steps; use fewer for a trial.")] = None,
     device: Annotated[Literal["cpu", "cuda"], Option(help="Device on which to train.")] = "cpu",
     threads: Annotated[int, Option(min=1, max=256, help="Number of CPU threads.")] = 2,
 ) -> None:
-    """Train the built-in detector anew, or one for your own logs; interrupted, it goes on where it was."""
+    """Train the built-in detector again, or one for your own logs; run it again to continue after an interruption."""
     try:
         import onnx  # noqa: F401
         import torch

@@ -8,13 +8,12 @@ from functools import cached_property
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import KINDS, Rig
-from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, TransformTree, tree_of
 from fbench.replay.logs.poses import TfSource
 from fbench.replay.logs.rig import RigChanges, RigState, first_state
 from fbench.replay.logs.rig_patch import find_sensors, rename_sensors, require_use
-from fbench.replay.logs.roles import Role
+from fbench.replay.logs.roles import Role, sensor_roles
 from fbench.replay.logs.setup import Setup
 from fbench.replay.logs.truth import PosesIn
 
@@ -37,7 +36,7 @@ class LogCalibration:
     @cached_property
     def coordinate_frames(self) -> CoordinateFrames:
         """What names of coordinate frames and cameras mean here. Raises LogError where the rig is incomplete."""
-        heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        heard = sensor_roles(self.roles)
         names = {role.frame_id: role.sensor for role in heard} | {role.topic: role.sensor for role in heard}
         world, is_camera0 = self.poses_in.world, self.metadata.get(CAMERA0) == BODY
         return CoordinateFrames(self.rig, *self.tree(), names, world, is_camera0)
@@ -78,7 +77,7 @@ class LogCalibration:
         return [(log_ns, self._arrange(rig)) for log_ns, rig in self.container.rigs]
 
     def _arrange(self, rig: Rig) -> Rig:
-        heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        heard = sensor_roles(self.roles)
         rig = rename_sensors(rig, {role.frame_id: role.sensor for role in heard}) if self.setup.sensors else rig
         patch = find_sensors(self.setup.rig, self.roles)
         require_use(self.setup.rig, patch, self.roles, patch.tree(tree_of(rig), BODY))

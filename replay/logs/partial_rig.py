@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.rig import KINDS, CameraModel, Kind, Mount, Rig
-from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.rig import first_state
+from fbench.replay.logs.roles import sensor_roles
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class PartialRig:
 
 def partial_rig(reader: LogReader) -> PartialRig:
     """Return the rig of a log, and for each sensor that it lacks the reason; never fails for a missing calibration."""
-    heard = {r.sensor: KINDS[r.kind] for _, r in sorted(reader.roles.items()) if r.kind in SENSORS}
+    heard = {r.sensor: KINDS[r.kind] for r in sensor_roles(reader.roles)}
     try:
         rig = reader.rig
     except LogError as error:

@@ -17,7 +17,7 @@ from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, TruthPart
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames
 from fbench.replay.logs.events import EventDecoder
-from fbench.replay.logs.roles import roles, select
+from fbench.replay.logs.roles import roles, select, sensor_roles
 from fbench.replay.logs.setup import BoxSource, Setup
 from fbench.replay.logs.truth import join_parts, pair_parts
 from fbench.replay.runs.secrets import clean_mapping, without_secrets
@@ -56,7 +56,7 @@ class LogReader:
     @cached_property
     def _calibration(self) -> LogCalibration:
         header = self.container.header
-        sensors = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        sensors = sensor_roles(self.roles)
         names = {role.frame_id: role.sensor for role in sensors} if self.setup.sensors else {}
         metadata = {} if header is None else rename(header.metadata, names)
         metadata = clean_mapping({**metadata, **facts(self.setup)})

@@ -11,11 +11,10 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError, LogError
 from fbench.replay.data.rig import KINDS, CameraModel, Kind, Mount, Rig, RigChange
-from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.coordinate_frames import BODIES, BODY, TransformTree
 from fbench.replay.logs.rig_patch import FittedPatch, find_sensors, require_use
-from fbench.replay.logs.roles import Role
+from fbench.replay.logs.roles import Role, sensor_roles
 from fbench.replay.logs.setup import Setup
 
 _MAX_MOVING = 2000  # So many messages of moving transforms are searched for the way from a sensor to the body
@@ -102,7 +101,7 @@ class RigState:
         return [frame for _, frame in self._sensors().values()]
 
     def _sensors(self) -> dict[str, tuple[Kind, str]]:
-        sensors = {r.sensor: (KINDS[r.kind], r.frame_id) for _, r in sorted(self.roles.items()) if r.kind in SENSORS}
+        sensors = {r.sensor: (KINDS[r.kind], r.frame_id) for r in sensor_roles(self.roles)}
         header, own = self.container.header, self.patch.frames
         known = header.kinds if header is not None and not self.setup.sensors else {}
         named = {**{name: (kind, name) for name, kind in known.items()}, **sensors}

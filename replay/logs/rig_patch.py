@@ -7,9 +7,8 @@ import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig
-from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.coordinate_frames import BODY, Edge, TransformTree, tree_of
-from fbench.replay.logs.roles import Role
+from fbench.replay.logs.roles import Role, sensor_roles
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ class FittedPatch:
 
 def find_sensors(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
     """Find a patch's sensors by name, topic or coordinate frame. Raises ConfigError where the log lacks a camera."""
-    sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
+    sensors = {role.sensor: role for role in sensor_roles(roles)}
     all_cameras = [name for name, role in sensors.items() if role.kind == "camera"]
     by_topic = {role.topic: role.sensor for role in sensors.values()}
     by_key = {key: by_topic[topic] for key, topic in patch.topics.items() if topic in by_topic}
@@ -95,7 +94,7 @@ def find_sensors(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
 
 def require_use(patch: RigPatch, fit: FittedPatch, roles: Mapping[int, Role], tree: TransformTree) -> None:
     """Refuse transforms that no sensor stands on: names must be wrong. Raises ConfigError naming file and sensors."""
-    sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
+    sensors = {role.sensor: role for role in sensor_roles(roles)}
     frames = {fit.frames.get(name, role.frame_id) for name, role in sensors.items()}
     used = {step for frame in frames for step in tree.trace(frame)}
     if not fit.edges or used & {*fit.edges, *patch.moving}:

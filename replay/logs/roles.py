@@ -39,6 +39,11 @@ class Role:
         return self.is_own or "static" in self.topic
 
 
+def sensor_roles(roles: Mapping[int, Role]) -> list[Role]:
+    """Return the roles of cameras, LiDARs and radars, in the order of their channels' ids."""
+    return [role for _, role in sorted(roles.items()) if role.kind in SENSORS]
+
+
 def roles(container: Container) -> dict[int, Role]:
     """Roles of the channels that fbench understands, by id; the other topics are counted. Raises LogError where one
     topic holds messages of two schemas that both are understood, unless both are transforms: bags of ROS 1 often have

@@ -204,8 +204,9 @@ def collect(
     drawn = {s.frame.index: replace(s, truth=truths.get(s.frame.index)) for s in kept.subset}
     return Material(
         reader.info, partial.kinds, partial.rig, partial.problems, stream.reference,
-        list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.items], num_frames, num_labeled, instants.items,
-        {name: arrivals.items for name, arrivals in sorted(log.arrivals.items())}, dict(sorted(log.counts.items())),
+        list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.items], num_frames, num_labeled,
+        instants.items, {name: arrivals.items for name, arrivals in sorted(log.arrivals.items())},
+        dict(sorted(log.counts.items())),
         {name: dict(sorted(why.items())) for name, why in sorted(missing.items())},
         {name: period for name, period in periods.items() if period},
     )  # fmt: skip

@@ -9,9 +9,9 @@ import pytest
 ASCII = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 CHILD = """
 import os, subprocess, sys
-from fbench.api.cells import answers
+from fbench.api.cells import own_stdout
 
-with answers() as out:
+with own_stdout() as out:
     print("printed")
     os.write(1, b"by a library\\n")
     subprocess.run(["echo", "by a program"], check=True)

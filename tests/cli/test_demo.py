@@ -94,7 +94,7 @@ def test_pipelines_are_those_that_need_nothing_beside_the_log():
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        (("--num-seeds", "1"), "--num-seeds: of the full suite only"),
+        (("--num-seeds", "1"), "--num-seeds is only for the full suite"),
         (("--seconds", "0.01"), "--seconds 0.01"),
         (("--seconds", "0"), "--seconds 0"),
         (("--split", "train"), "train"),

@@ -6,9 +6,9 @@ import pytest
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (("replay",), ["by default runs/LOG-PIPELINE.", "else 30).", "(default)"]),
+        (("replay",), ["runs/LOG-PIPELINE by default", "(default: as the log says, else 30)", "'header' (default)"]),
         (("report",), ["(default: report.html in the first RUN)"]),
-        (("verify",), ["else 30).", "in ms (default: 50)."]),
+        (("verify",), ["in ms (default: as the log says, else 30)", "in ms (default: 50)"]),
         (("log", "convert"), ["[default: zstd]", "(default: 1 MiB)", "(default: as many as fit into 8 MiB)"]),
     ],
 )

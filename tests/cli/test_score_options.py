@@ -100,7 +100,7 @@ def test_a_profile_takes_several_runs(fbench, runs):
 @pytest.mark.parametrize(
     ("args", "why"),
     [
-        (("one", "--seed", "1"), "--seed is of the resamples that --intervals N asks for, which is missing"),
+        (("one", "--seed", "1"), "--seed is for the resamples of --intervals N, which is missing"),
         (("one", "two", "--explain", "1"), "--explain is for one RUN, not 2"),
         (("one", "two", "--truth", "x.csv"), "--truth is for one RUN, not 2"),
         (("one", "two", "--min-coverage", "0.5"), "--min-coverage is for one RUN, not 2"),

@@ -212,6 +212,6 @@ def test_shares_and_counts_of_tracks_look_different(fbench, files):
 
 def test_tables_say_why_there_is_no_interval(fbench, files):
     result = fbench("score", *FILES, "--intervals", "50")
-    assert result.err == "--intervals 50: so few resamples give the ends only roughly; 1000 are usual\n"
+    assert result.err == "--intervals 50: so few resamples give only rough limits; 1000 are usual\n"
     assert any(line.startswith("– no interval of f1, ") and line.endswith(": 1 sequences, at least 5 are needed")
                for line in result.out.splitlines())  # fmt: skip

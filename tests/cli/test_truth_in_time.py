@@ -60,7 +60,7 @@ def test_too_little_truth(fbench, sparse):
     bad = fbench("replay", sparse, "-p", "lidar3d", "-o", "run", "--overwrite", "--min-coverage", "0.95")
     assert bad.code == 1
     assert bad.err.splitlines()[-1] == (
-        "too little truth: 50.0 % of outputs had truth (3 of 6 frames), fewer than --min-coverage 0.95 asks for"
+        "too little truth: 50.0 % of outputs had truth (3 of 6 frames), but --min-coverage requires 0.95"
     )
     assert require_coverage(Run(Path("run")), 0.95, EXIT_LOSSY) == EXIT_LOSSY
     assert require_coverage(Run(Path("run")), 0.5, EXIT_OK) == EXIT_OK

@@ -31,6 +31,11 @@ class Converted:
     left_out: Mapping[str, int] = field(default_factory=dict)
     """Messages that fbench doesn't understand, by topic; only where they were decoded."""
 
+    @property
+    def num_messages(self) -> int:
+        """Messages written on all topics."""
+        return sum(self.messages.values())
+
 
 def write_items(items: Iterable[Item], sink: Sink, target: Target, progress: Progress, log_id: str) -> Converted:
     """Move all items; nothing stays behind where that fails."""

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from fbench.api.cells import Answer
+from fbench.api.cells import Response
 from fbench.api.suite import Worker
 from fbench.replay.geometry.kernels import VARIABLE, num_threads
 from fbench.replay.setup.request import ReplayRequest
@@ -28,10 +28,10 @@ def test_else_one_for_each_processor(text: str | None, monkeypatch: pytest.Monke
 @pytest.mark.slow
 def test_a_worker_of_a_suite_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "asked.py").write_text(
-        "from fbench.api.cells import ANSWER, Answer\n"
+        "from fbench.api.cells import RESPONSE, Response\n"
         "from fbench.replay.geometry.kernels import num_threads\n"
         "input()\n"
-        "print(ANSWER.dump_json(Answer(str(num_threads()))).decode(), flush=True)\n"
+        "print(RESPONSE.dump_json(Response(str(num_threads()))).decode(), flush=True)\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv(VARIABLE, "7")
@@ -39,6 +39,6 @@ def test_a_worker_of_a_suite_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyP
     try:
         assert worker.replay(
             ReplayRequest(LogRequest(tmp_path / "log.mcap"), "lidar3d", out=tmp_path / "run")
-        ) == Answer("1")
+        ) == Response("1")
     finally:
         worker.close()
