@@ -104,9 +104,9 @@ class RunComparison:
     """What else differs between the runs."""
 
     @property
-    def regressed(self) -> bool:
+    def is_worse(self) -> bool:
         """Whether a primary metric fell by more than the tolerance, or lost its value."""
-        return self.comparison.regressed
+        return self.comparison.is_worse
 
     def rows(self) -> "pd.DataFrame":
         """Return all metrics of both runs, a row each."""
@@ -117,7 +117,7 @@ class RunComparison:
     def _repr_html_(self) -> str:
         """Show the verdict and the rows in a notebook."""
         notes = "".join(f"<li>{escape(note)}</li>" for note in self.notes)
-        verdict = "regressed" if self.regressed else "no regression"
+        verdict = "regressed" if self.is_worse else "no regression"
         return f"<p><b>{verdict}</b></p><ul>{notes}</ul>{self.rows().to_html(index=False)}"
 
 

@@ -171,7 +171,7 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
     faults = [_describe_fault(pair.faults, code, num) for code, num in sorted(pair.faults.counts.items())]
     warnings, found = (*pair.notes, *odd, *remarks.lines(), *faults), tuple(result.statistics)
     title, headlines = f"{request.detections} against {request.truth}", profile.facts.headlines
-    return ScoreResult(rows, title, profile.name, found, warnings, not pair.faults.lost, headlines)
+    return ScoreResult(rows, title, profile.name, found, warnings, not pair.faults.num_lost, headlines)
 
 
 def open_folder(folder: Path) -> Run:

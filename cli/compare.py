@@ -27,8 +27,8 @@ def compare(
     comparison = found.comparison
     if json:
         rows = [asdict(row) for row in comparison.rows]
-        print_json({"regressed": found.regressed, "tolerance": tolerance, "notes": found.notes, "rows": rows})
-        raise typer.Exit(EXIT_NO if found.regressed else EXIT_OK)
+        print_json({"regressed": found.is_worse, "tolerance": tolerance, "notes": found.notes, "rows": rows})
+        raise typer.Exit(EXIT_NO if found.is_worse else EXIT_OK)
     say(*(f"note: {note}" for note in found.notes))
     columns = ("metric", "class", "slice", "matching", "base", "head", "change", "")
     table = make_table(*columns, right=("base", "head", "change"))
@@ -46,6 +46,6 @@ def compare(
     console().print(table)
     same = f"{num_same} other numbers are the same"
     say(f"{same}, {num_empty} have no value in either run" if num_empty else same)
-    verdict = "REGRESSED: a primary metric fell" if comparison.regressed else "no regression"
+    verdict = "REGRESSED: a primary metric fell" if comparison.is_worse else "no regression"
     say(f"{verdict} (tolerance {comparison.tolerance:g})")
-    raise typer.Exit(EXIT_NO if found.regressed else EXIT_OK)
+    raise typer.Exit(EXIT_NO if found.is_worse else EXIT_OK)

@@ -73,7 +73,7 @@ def convert(
         with message_progress(f"{source.name} → {target.path.name}", total) as progress:
             result = convert_container(container, target, wish, progress)
     rows = [row for row in faults.rows() if row["code"] != _NO_USE]
-    code = EXIT_LOSSY if faults.lost else EXIT_OK
+    code = EXIT_LOSSY if faults.num_lost else EXIT_OK
     if json:
         print_json({**asdict(result), "path": str(result.path), "faults": rows})
         raise typer.Exit(code)

@@ -68,4 +68,4 @@ def export(
         print_json({"format": request.format, "path": str(out), "sequences": sequences, "faults": faults.rows()})
     else:
         say(*fault_lines(faults.rows()), f"{request.format}: {out}")
-    raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
+    raise typer.Exit(EXIT_LOSSY if faults.num_lost else EXIT_OK)

@@ -35,7 +35,7 @@ def info(
     else:
         _print(log, result)
         say(*_notes(result, faults))
-    raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
+    raise typer.Exit(EXIT_LOSSY if faults.num_lost else EXIT_OK)
 
 
 def _content(result: "Survey", faults: "FaultLog") -> dict[str, object]:

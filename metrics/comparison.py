@@ -42,7 +42,7 @@ class Comparison:
     tolerance: float
 
     @property
-    def regressed(self) -> bool:
+    def is_worse(self) -> bool:
         """Whether a primary number fell by more than the tolerance, or lost its value."""
         return any(
             row.primary and (row.verdict in ("worse", "gone") or (row.base is not None and row.head is None))

@@ -1,7 +1,7 @@
 """One verified replay: its task, what its frames are made of, and the first difference of two."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from fbench.replay.contracts.protocols import Pipeline, Reader
 from fbench.replay.data.boxes import Boxes
 from fbench.replay.data.frames import Frame, Output
-from fbench.replay.data.messages import Message, Tick
+from fbench.replay.data.messages import Message, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.logs.container import Container
@@ -55,8 +55,29 @@ class WatchedReader:
         self.chain = START
         """Last link."""
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._reader, name)
+    @property
+    def info(self) -> LogInfo:
+        """Name, id and metadata."""
+        return self._reader.info
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors as the log begins."""
+        return self._reader.rig
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        """By name of the sensor."""
+        return self._reader.num_messages
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses."""
+        return self._reader.poses
+
+    def truths(self) -> Iterator[Truth]:
+        """Ground truth."""
+        return self._reader.truths()
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All messages."""
@@ -139,13 +160,13 @@ class Outcome:
         self.run = Run(folder)
 
     @cached_property
-    def seen(self) -> dict[int, dict[str, Any]]:
+    def inputs(self) -> dict[int, dict[str, Any]]:
         """What went into each frame, by its index."""
         return {row["index"]: row for row in self.run.json(WATCH)}
 
     def parts(self, record: FrameRecord) -> dict[str, Any]:
         """What one frame was made of."""
-        return self.seen.get(record.index, {}).get("parts", {})  # type: ignore[no-any-return]
+        return self.inputs.get(record.index, {}).get("parts", {})  # type: ignore[no-any-return]
 
     def faults(self, of_container: bool = True) -> dict[str, Any]:
         """Faults and stragglers; else without those of the container, and without places, which name its files."""
@@ -200,7 +221,7 @@ def _compare_frames(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecor
     content = _compare_mappings({**base.parts(a), **_facts(a)}, {**other.parts(b), **_facts(b)})
     if content is not None:
         return ("messages" if ".content " in content else "frames"), content
-    if base.seen.get(a.index, {}).get("messages") != other.seen.get(b.index, {}).get("messages"):
+    if base.inputs.get(a.index, {}).get("messages") != other.inputs.get(b.index, {}).get("messages"):
         return "messages", "what was read until then differs"
     if a.failed != b.failed:
         return "detections", f"failed {a.failed!r} != {b.failed!r}"

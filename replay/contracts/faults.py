@@ -95,7 +95,7 @@ class FaultLog:
             kept.append(without_secrets(where))
 
     @property
-    def lost(self) -> int:
+    def num_lost(self) -> int:
         """How many faults lost data."""
         return sum(n for code, n in self.counts.items() if FAULTS[code].behaviour == "count")
 

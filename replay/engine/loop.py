@@ -193,7 +193,7 @@ class _Loop:
             self._writer.explain_missing(redact_record)
             rows = redact_rows(rows)
         self._writer.write_media(self._media.frames)
-        faults = {"lost": self._faults.lost, "late_messages": counts.late, "unused_messages": counts.unused}
+        faults = {"lost": self._faults.num_lost, "late_messages": counts.late, "unused_messages": counts.unused}
         self._writer.write_json("faults.json", {**faults, "rows": rows})
 
     def _explain(self, record: FrameRecord) -> FrameRecord:

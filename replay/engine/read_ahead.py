@@ -6,7 +6,7 @@ message is delivered, and what was read but never delivered was never met.
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -17,8 +17,9 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.contracts.protocols import Reader
 from fbench.replay.data.messages import Message, Tick, Truth
-from fbench.replay.data.rig import RigChange
+from fbench.replay.data.rig import LogInfo, Rig, RigChange
 
+T = TypeVar("T")
 R = TypeVar("R", bound=Message | RigChange | Tick)
 
 DEFAULT = 4  # Messages: reading takes a few percent of a replay, and more than these hide no more of it
@@ -107,9 +108,24 @@ class _AheadReader:
         self._reader, self._staged, self._faults, self._limit = reader, staged, faults, limit
         self._running: tuple[threading.Thread, _Queue[Any]] | None = None
 
-    def __getattr__(self, name: str) -> Any:
-        """What the reader says of its log, with the faults that it met on the way, unless the thread uses it."""
-        value = getattr(self._reader, name)
+    @property
+    def info(self) -> LogInfo:
+        return self._describe(self._reader.info)
+
+    @property
+    def rig(self) -> Rig:
+        return self._describe(self._reader.rig)
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        return self._describe(self._reader.num_messages)
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        return self._describe(self._reader.poses)
+
+    def _describe(self, value: T) -> T:
+        """Pass on what the reader says of its log, with the faults met on the way, unless the thread uses it."""
         if self._running is None:
             self._staged.pass_to(self._faults)
         return value

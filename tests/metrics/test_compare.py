@@ -71,23 +71,23 @@ def test_only_primary_rows_decide(metric: str, matching: str, value: float | Non
     head = [
         score(metric, value, matching=matching) if (s.metric, s.matching) == (metric, matching) else s for s in BASE
     ]
-    assert compare(BASE, head, 0.01).regressed is regressed
+    assert compare(BASE, head, 0.01).is_worse is regressed
 
 
 def test_a_primary_row_that_is_gone_is_a_regression() -> None:
-    assert compare(BASE, [s for s in BASE if s.metric != "mota"], 0.01).regressed
+    assert compare(BASE, [s for s in BASE if s.metric != "mota"], 0.01).is_worse
 
 
 def test_what_was_null_already_is_no_regression() -> None:
     base = [score("f1", 0.8), score("mota", None)]
-    assert not compare(base, base, 0.0).regressed
-    assert not compare(base, [score("f1", 0.8), score("mota", 0.1)], 0.0).regressed
+    assert not compare(base, base, 0.0).is_worse
+    assert not compare(base, [score("f1", 0.8), score("mota", 0.1)], 0.0).is_worse
 
 
 def test_equal_runs_dont_regress_at_tolerance_zero() -> None:
     found = compare(BASE, BASE, 0.0)
     assert {r.verdict for r in found.rows} == {"same"}
-    assert not found.regressed
+    assert not found.is_worse
 
 
 def test_scores_without_a_common_primary_row_are_refused() -> None:

@@ -124,7 +124,7 @@ def make_run(tmp_path: Path) -> Callable[[Plan], Run]:
             for index in range(plan.num_frames):
                 _add_frame(writer, plan, index)
             writer.write_media([media(index) for index in range(0, plan.num_frames, 2)])
-            writer.write_json("faults.json", {"lost": faults.lost, "rows": faults.rows()})
+            writer.write_json("faults.json", {"lost": faults.num_lost, "rows": faults.rows()})
             writer.write_json("host.json", {"rate": "max", "cpu": "Example CPU", "cores": 2, "wall_s": 1.234})
             folder = writer.finish(_manifest(plan))
         if plan.latency is not None:

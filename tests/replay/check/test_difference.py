@@ -107,9 +107,9 @@ def test_first_difference_of_two_runs(tmp_path, change, pipeline, expected):
 
 def test_one_flipped_bit_changes_exactly_its_frame(tmp_path):
     a, b = outcome(drive(), tmp_path / "a"), outcome(changed(flip_one_bit), tmp_path / "b")
-    parts = [a.seen[i]["parts"] == b.seen[i]["parts"] for i in range(20)]
+    parts = [a.inputs[i]["parts"] == b.inputs[i]["parts"] for i in range(20)]
     assert [i for i, same in enumerate(parts) if not same] == [7]
-    chains = [a.seen[i]["messages"] == b.seen[i]["messages"] for i in range(20)]
+    chains = [a.inputs[i]["messages"] == b.inputs[i]["messages"] for i in range(20)]
     assert chains.index(False) in (6, 7)
 
 

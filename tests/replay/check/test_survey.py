@@ -38,7 +38,7 @@ def test_streams_truth_and_times(log):
     assert result.span_ns == (1_000_000_000, 1_000_000_000 + 39 * 50 * MS + 5)
     assert (result.storage.form, result.storage.compression, result.storage.is_indexed) == ("MCAP", ("zstd",), True)
     assert result.storage.num_bytes == log.stat().st_size
-    assert faults.lost == 0
+    assert faults.num_lost == 0
 
 
 def test_no_chunk_but_the_first_is_needed(log):

@@ -29,13 +29,13 @@ def test_non_finite_points_are_dropped_in_all_fields_and_counted():
     assert left.intensity.tolist() == [2, 3]
     assert faults.counts == {"DAT004": 1}
     assert faults.places["DAT004"] == ["lidar at 5 ns: 2 of 4 points"]
-    assert faults.lost == 0
+    assert faults.num_lost == 0
 
 
 def test_cloud_that_is_mostly_non_finite_is_lost():
     faults = FaultLog()
     assert clean(cloud(3), RIG, faults) == Skipped("lidar", 5, None, "mostly non-finite points")
-    assert faults.lost == 1
+    assert faults.num_lost == 1
 
 
 def test_infinite_radar_points_are_dropped():
@@ -48,7 +48,7 @@ def test_empty_cloud_is_delivered_and_flagged():
     empty = PointCloud("lidar", 0, 0, np.zeros((0, 3), np.float32))
     assert clean(empty, RIG, faults) is empty
     assert faults.counts == {"DAT002": 1}
-    assert faults.lost == 0
+    assert faults.num_lost == 0
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_poses_that_are_none_are_lost(position, rotation, why):
     bad = replace(good, translation_m=np.array(position, float), rotation_xyzw=np.array(rotation, float))
     assert clean(bad, RIG, faults) == Skipped("gnss", 5, None, f"pose {why}")
     assert faults.places["DAT005"] == [f"gnss at 5 ns: {why}"]
-    assert faults.lost == 1
+    assert faults.num_lost == 1
 
 
 def test_images_must_fit_their_calibration():
@@ -75,6 +75,6 @@ def test_images_must_fit_their_calibration():
     assert clean(image, RIG, FaultLog()) is image
     faults = FaultLog()
     assert clean(replace(image, size_wh=(4, 3)), RIG, faults).reason == "4x3, but calibrated for 8x6"
-    assert faults.lost == 1
+    assert faults.num_lost == 1
     other = replace(image, sensor="other", size_wh=(4, 3))
     assert clean(other, RIG, FaultLog()) is other

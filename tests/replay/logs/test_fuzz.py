@@ -50,7 +50,7 @@ def check(path, expected, where):
     """Whatever was done to the log: it is refused, or all is as it was, or what is lost was counted."""
     with suppress(FbenchError):
         found, faults = whole(path)
-        assert found == expected[0] or faults.lost, where
+        assert found == expected[0] or faults.num_lost, where
         if chunks(path.read_bytes()):  # outside chunks it isn't known where the damage is
             assert not Counter(found[0] + found[1]) - Counter(expected[0][0] + expected[0][1]), where
 
@@ -111,4 +111,4 @@ def test_a_file_that_shrinks_while_it_is_read(log, tmp_path):
     reader, faults = b.read(path)
     os.truncate(path, path.stat().st_size // 4)
     assert len(list(reader.messages())) < len(log[1][0][0])
-    assert faults.lost
+    assert faults.num_lost

@@ -40,7 +40,7 @@ def boxes(tmp_path, *entities, topic="/ground_truth"):
     )
     [truth] = reader.truths() if topic == "/ground_truth" else reader.detections(topic)
     assert truth.stamp_ns == 5_000_000_000
-    assert not faults.lost
+    assert not faults.num_lost
     return truth.boxes3d
 
 
@@ -130,7 +130,7 @@ def test_scenes_without_cubes_are_empty(tmp_path):
     gone.deletions.add(type=SceneEntityDeletion.ALL, timestamp=Timestamp(seconds=7))
     reader, faults = log(tmp_path, ("/points", POINTS), ("/gt", gone), ("/gt", SceneUpdate()))
     assert [(t.stamp_ns, len(t.boxes3d)) for t in reader.truths()] == [(2, 0), (7_000_000_000, 0)]
-    assert not faults.lost
+    assert not faults.num_lost
 
 
 def test_damaged_scenes_are_counted(tmp_path):

@@ -48,4 +48,4 @@ def test_same_as_reading_all(tmp_path, make):
     for start_ns in (0, every[0][0], every[len(every) // 2][0], every[-1][0], every[-1][0] + 1):
         found = [entry[:8] for entry in container.entries(channels, start_ns)]
         assert found == [entry for entry in every if entry[0] >= start_ns]
-    assert not faults.lost
+    assert not faults.num_lost

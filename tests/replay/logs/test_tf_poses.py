@@ -120,7 +120,7 @@ def test_transforms_of_a_log_that_the_user_names(tmp_path):
     whole = [m for _, m in reader.everything() if isinstance(m, Pose)]
     assert [p.stamp_ns for p in whole] == [100, 101]
     assert reader.rig.mounts["lidar"].translation_m.tolist() == [1, 0, 0]
-    assert not faults.lost
+    assert not faults.num_lost
 
 
 def test_transforms_that_dont_say_where_the_body_is(tmp_path):
@@ -164,7 +164,7 @@ def test_odometry_counts_only_where_the_user_names_it(tmp_path):
         [pose] = [m for m in reader.messages() if isinstance(m, Pose)]
         assert (reader.poses, pose.sensor) == ((f"odom/{child}",), f"odom/{child}")
         assert pose.translation_m.tolist() == [1 if child == "base_link" else 2, 0, 0]
-    assert not faults.lost
+    assert not faults.num_lost
     adrift = open_log(path, faults, setup=Setup(pose="/odom/imu", source="fbench.toml"))
     assert not any(isinstance(m, Pose) for m in adrift.messages())
     assert "pose of 'imu', which no fixed transform links to the body" in faults.places["DEC001"][0]

@@ -61,7 +61,7 @@ def test_both_place_sensors(bag):
     log = open_log(bag, faults)
     assert {name: mount.translation_m[0] for name, mount in log.rig.mounts.items()} == {"left": 1, "right": 2}
     assert [message.sensor for message in log.messages()] == ["left", "right"]
-    assert faults.lost == 0
+    assert faults.num_lost == 0
 
 
 @pytest.mark.parametrize("name", ["drive.mcap", "drive.parquet"])

@@ -59,7 +59,7 @@ def test_the_file_works_untouched(guess, tmp_path):
     assert choose_reference(reader.rig.kinds, reader.info, reader.num_messages, sync) == config.frames.reference
     assert len(list(reader.messages())) == 20 * 11 + 100
     assert len(list(reader.truths())) == 20
-    assert not faults.lost
+    assert not faults.num_lost
 
 
 @pytest.mark.slow

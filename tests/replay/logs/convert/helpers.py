@@ -16,7 +16,7 @@ from fbench.replay.runs.digest import Digest
 def converted(source: Path, out: Path, **how: Any) -> Path:
     """Convert; nothing may be lost."""
     result, faults = conversion(source, out, **how)
-    assert not faults.lost
+    assert not faults.num_lost
     return result.path
 
 
@@ -51,7 +51,7 @@ def content(path: Path) -> list[Any]:
     reader, faults = b.read(path)
     read = [b.canonical(item) for stream in (reader.messages(), reader.truths()) for item in stream]
     return [
-        faults.lost,
+        faults.num_lost,
         b.canonical(reader.rig),
         reader.info.log_id,
         dict(reader.info.metadata),

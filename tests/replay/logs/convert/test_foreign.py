@@ -126,7 +126,7 @@ def test_what_looks_like_ours_but_is_not_stays_as_it_is(tmp_path, drive, spoil):
 @pytest.mark.parametrize("name", FORMS)
 def test_decoded_logs_replay_as_before(tmp_path, foreign, name):
     result, faults = conversion(foreign, tmp_path / name, decode=True)
-    assert not faults.lost
+    assert not faults.num_lost
     assert dict(result.left_out) == {"/rosout": 10, "/tf": 10}
     assert digest(result.path) == digest(foreign)
     assert content(result.path) == content(foreign)

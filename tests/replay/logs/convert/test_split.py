@@ -19,7 +19,7 @@ def test_parts_are_the_log(tmp_path, drive, how):
     result, faults = conversion(drive, tmp_path / "parts", chunk_size=2000, **how)
     assert len(result.parts) >= 2
     assert sorted(p.name for p in result.path.iterdir()) == sorted(result.parts)
-    assert not faults.lost
+    assert not faults.num_lost
     assert messages(result.path) == messages(drive)
     assert (content(result.path), digest(result.path)) == (content(drive), digest(drive))
     joined = converted(result.path, tmp_path / "joined.mcap")

@@ -69,7 +69,7 @@ def test_schemas_that_are_too_large_together(tmp_path):
 def test_definitions_that_are_repeated_in_each_chunk(tmp_path):
     parts = [chunk(schema(1, definitions.MAX_DEFINITIONS // 3))] * 6
     _, faults = b.read(saved(tmp_path, *parts))
-    assert not faults.lost
+    assert not faults.num_lost
 
 
 def test_more_chunks_than_an_index_may_hold(tmp_path, monkeypatch):
@@ -93,7 +93,7 @@ def test_metadata_of_others_are_not_kept(tmp_path):
     path = saved(tmp_path, record(Opcode.METADATA, text(b"other") + text(b"no map at all")))
     faults = FaultLog()
     assert open_container(path, faults).header is None
-    assert not faults.lost
+    assert not faults.num_lost
 
 
 def test_lz4_is_unpacked_once(tmp_path):

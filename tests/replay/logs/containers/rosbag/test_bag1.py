@@ -312,6 +312,6 @@ def test_index_may_point_at_the_connection_before_the_message(tmp_path):
 def test_garbage_between_records(tmp_path, garbage):
     bag, faults = opened(made(tmp_path, bag_header(), chunk(connection(7) + message(7, 1)), garbage))
     assert len(b.everything(bag)) == 1
-    assert 1 <= faults.lost <= 2
+    assert 1 <= faults.num_lost <= 2
     at = len(bag_header()) + len(chunk(connection(7) + message(7, 1)))
     assert any(f"byte {at}" in place for places in faults.places.values() for place in places)

@@ -55,7 +55,7 @@ def test_recordings_of_rosbags(tmp_path, version, mode, storage):
     container = open_container(folder, faults)
     got = [(entry.log_ns, entry.topic, bytes(entry.data)) for entry in container.entries(frozenset(container.channels))]
     assert sorted(got) == b.read_bag2(folder)
-    assert not faults.lost
+    assert not faults.num_lost
 
 
 def test_bags_of_ros_1_come_by_number_whatever_the_order_of_the_folder(tmp_path, monkeypatch):
