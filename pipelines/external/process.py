@@ -18,6 +18,7 @@ from fbench.replay.contracts.plugins import names_file
 
 _OWN_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """fbench sets these for itself: another program has threads of its own."""
+_MARK = "FBENCH_EXEC"  # The environment has it of a program and of all that it starts, whatever their group
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,8 @@ class Process:
     """
 
     def __init__(self, command: Command, stderr: KeptText, max_unread: int) -> None:
-        pipe, environment = subprocess.PIPE, {k: v for k, v in os.environ.items() if k not in _OWN_VARIABLES}
+        pipe, self._mark = subprocess.PIPE, f"{os.getpid()}-{time.monotonic_ns()}"
+        environment = {k: v for k, v in os.environ.items() if k not in _OWN_VARIABLES} | {_MARK: self._mark}
         try:
             self._popen = subprocess.Popen(  # noqa: S603 - the user names the program, and no shell is involved
                 command.words, executable=command.program, stdin=pipe, stdout=pipe, stderr=pipe, bufsize=0,
@@ -277,11 +279,17 @@ class Process:
             os.killpg(self._popen.pid, number)
 
     def kill(self) -> None:
-        """End it at once with all that it started in its group; leaves no zombie and no open pipe behind."""
+        """End it at once with all that it started: its group, and what left that as daemons do, unless that cleared its
+        environment. Leaves no zombie and no open pipe behind.
+        """
         if self._ended:
             return
         self._signal(signal.SIGKILL)  # the group's number is taken until its leader is waited for
         self._popen.wait()
+        for environment in Path("/proc").glob("[0-9]*/environ"):
+            with suppress(OSError):  # has ended, or is another user's
+                if f"{_MARK}={self._mark}".encode() in environment.read_bytes().split(b"\0"):
+                    os.kill(int(environment.parent.name), signal.SIGKILL)
         self._ended = True
         self._drain_stderr()
         for file in self._files:

@@ -1,6 +1,6 @@
 """Reading a whole log once, every checksum verified and every payload decoded, to find what is wrong."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 from fbench.replay.check.findings import SEVERITIES, Finding, Severity, finding
@@ -18,8 +18,8 @@ from fbench.replay.data.metadata import GAPS, MEANT
 from fbench.replay.data.rig import LogInfo, RigChange
 from fbench.replay.engine.cleaning import clean
 from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.logs.bursts import join_bursts
 from fbench.replay.logs.codecs.codec import TruthPart
-from fbench.replay.logs.container import Entry
 from fbench.replay.logs.open import Storage, storage
 from fbench.replay.logs.partial_rig import PartialRig, partial_rig
 from fbench.replay.logs.reader import LogReader, make_tick
@@ -88,10 +88,8 @@ def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> Che
     isn't in it, FbenchError where the pipeline's configuration is wrong.
     """
     job = _Check(reader, faults, options)
-    for num, (entry, item) in enumerate(reader.everything()):
-        job.take(entry, item)
-        if num % 256 == 0:
-            options.progress(num)
+    for event in join_bursts(job.read(), frozenset(reader.bursts)):
+        job.take(event)
     reader.container.verify()
     return job.finish()
 
@@ -114,29 +112,39 @@ class _Check:
         self._times = {name: Times() for name in sorted(self._kinds)}
         self._truth, self._truth_clock = TruthCheck(), TruthClock()
 
-    def take(self, entry: Entry, item: Message | RigChange | TruthPart | None) -> None:
-        frames = self._frames
-        if isinstance(item, RigChange):
-            self._faults.add("CAL002", f"{item.reason} at {item.log_ns} ns")
-            self._rig = item.rig
-            if frames is not None:
-                frames.change(item)
-        elif isinstance(item, TruthPart):
-            if entry.channel in self._reader.tick_channels and frames is not None:
-                tick = make_tick(entry, item)
-                frames.add(tick, tick, None)
-            if self._reader.roles[entry.channel].kind == "truth":
-                self._truth.add(item.truth)
-                self._truth_clock.add_truth(item.truth)
-        elif item is not None:
-            message = self._options.stamps.restamp(item)
-            self._times.setdefault(message.sensor, Times()).add(entry, message)
-            if isinstance(message, Image) and (why := _find_damage(message, self._options.decode_images)):
-                self._faults.add("DEC002", f"{message.sensor} at {message.stamp_ns} ns: {why}")
-            usable = clean(message, self._rig, self._faults)
-            self._truth_clock.add_sweep(usable, self._rig)
-            if frames is not None:
-                frames.add(item, message, usable)
+    def read(self) -> Iterator[Message | RigChange]:
+        """Yield measurements, poses and changes of the rig as recorded; their times and all truth are noted."""
+        for num, (entry, item) in enumerate(self._reader.everything()):
+            if num % 256 == 0:
+                self._options.progress(num)
+            if isinstance(item, TruthPart):
+                if entry.channel in self._reader.tick_channels and self._frames is not None:
+                    tick = make_tick(entry, item)
+                    self._frames.add(tick, tick, None)
+                if self._reader.roles[entry.channel].kind == "truth":
+                    self._truth.add(item.truth)
+                    self._truth_clock.add_truth(item.truth)
+            elif item is not None:
+                if not isinstance(item, RigChange):
+                    message = self._options.stamps.restamp(item)
+                    self._times.setdefault(message.sensor, Times()).add(entry, message)
+                yield item
+
+    def take(self, event: Message | RigChange) -> None:
+        """Take a whole measurement into frames, or a change of the rig."""
+        if isinstance(event, RigChange):
+            self._faults.add("CAL002", f"{event.reason} at {event.log_ns} ns")
+            self._rig = event.rig
+            if self._frames is not None:
+                self._frames.change(event)
+            return
+        message = self._options.stamps.restamp(event)
+        if isinstance(message, Image) and (why := _find_damage(message, self._options.decode_images)):
+            self._faults.add("DEC002", f"{message.sensor} at {message.stamp_ns} ns: {why}")
+        usable = clean(message, self._rig, self._faults)
+        self._truth_clock.add_sweep(usable, self._rig)
+        if self._frames is not None:
+            self._frames.add(event, message, usable)
 
     def finish(self) -> CheckResult:
         sync, reader, num_labeled = self._options.sync, self._reader, 0
@@ -156,7 +164,8 @@ class _Check:
         if self._reference is None:
             found.append(finding("CHK007", "", "no frames: neither sensors nor boxes have messages"))
         for name, line in lines.items():
-            found += time_findings(stats[name], line, stats.get(self._reference or ""))
+            of_times = time_findings(stats[name], line, stats.get(self._reference or ""))
+            found += [one for one in of_times if one.code != "TIM003" or name not in reader.bursts]
         found += self._truth_clock.findings(self._options.stamps.offsets_ns, self._reference)
         if self._frames is not None:
             found += self._truth.findings(*self._frames.stamps)

@@ -14,8 +14,9 @@ from fbench.replay.data.rig import RigChange
 Scan: TypeAlias = PointCloud | RadarScan
 Event: TypeAlias = Message | RigChange
 
-MAX_BURST_NS = 50_000_000  # A measurement arrives within this [ns]: a clock that stands still sends no bursts
-_NUM_PROBED, _NUM_SAMPLED = 3, 64
+MAX_BURST_NS = 40_000_000  # A measurement arrives within this [ns]: a clock that stands still sends no bursts
+NUM_PROBED = 3  # Messages, two of which belong together in a log with bursts
+_NUM_SAMPLED = 64
 
 
 def mean_parts(messages: Iterable[Message | None]) -> float:
@@ -23,19 +24,24 @@ def mean_parts(messages: Iterable[Message | None]) -> float:
     of the first three belong together.
     """
     rest = iter(messages)
-    sample = [message for message in islice(rest, _NUM_PROBED) if message is not None]
+    sample = [message for message in islice(rest, NUM_PROBED) if message is not None]
     if not any(is_one_scan(a, b) for a, b in pairwise(sample)):
         return 1.0
-    sample += [message for message in islice(rest, _NUM_SAMPLED - _NUM_PROBED) if message is not None]
+    sample += [message for message in islice(rest, _NUM_SAMPLED - NUM_PROBED) if message is not None]
     return len(sample) / (1 + sum(not is_one_scan(a, b) for a, b in pairwise(sample)))
 
 
 def is_one_scan(first: Message, later: Message) -> bool:
     """Tell whether two messages of a sensor are parts of one measurement; exact duplicates aren't."""
-    if not (isinstance(first, Scan) and isinstance(later, Scan)) or first.stamp_ns != later.stamp_ns:
+    if not (isinstance(first, Scan) and isinstance(later, Scan)) or first.frame_number != later.frame_number:
         return False
-    is_near = 0 <= later.log_ns - first.log_ns <= MAX_BURST_NS
-    return is_near and first.frame_number == later.frame_number and not np.array_equal(first.xyz, later.xyz)
+    is_again = is_repeat(first.stamp_ns, later.stamp_ns, later.log_ns - first.log_ns)
+    return is_again and not np.array_equal(first.xyz, later.xyz)
+
+
+def is_repeat(first_stamp_ns: int, later_stamp_ns: int, pause_ns: int) -> bool:
+    """Tell whether a message has the stamp of one that came `pause_ns` before it, as far as it has one."""
+    return first_stamp_ns == later_stamp_ns != 0 and 0 <= pause_ns <= MAX_BURST_NS
 
 
 def join_bursts(events: Iterable[Event], sensors: frozenset[str]) -> Iterator[Event]:

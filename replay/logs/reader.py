@@ -6,12 +6,14 @@ from functools import cached_property
 from hashlib import blake2b
 from typing import TypeAlias
 
+import numpy as np
+
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.logs.arrange import arrange, box_channels, facts, rename
-from fbench.replay.logs.bursts import join_bursts, mean_parts
+from fbench.replay.logs.bursts import MAX_BURST_NS, NUM_PROBED, join_bursts, mean_parts
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, TruthPart
 from fbench.replay.logs.container import Container, Entry
@@ -23,6 +25,10 @@ from fbench.replay.logs.truth import join_parts, pair_parts
 from fbench.replay.runs.secrets import clean_mapping, without_secrets
 
 Event: TypeAlias = Message | RigChange | TruthPart | None
+
+
+_FEW_MESSAGES = 100_000  # Log times of so many are read from an index in no time
+_NO_TIMES = np.zeros(0, np.int64)
 
 
 class LogReader:
@@ -80,17 +86,21 @@ class LogReader:
         names += [(id_, self._calibration.tf.name) for id_ in sorted(self._calibration.tf.channels)]
         for id_, name in names:
             counts[name] += self.container.counts.get(id_, 0)
-        for name, parts in self._bursts.items():
+        for name, parts in self.bursts.items():
             counts[name] = round(counts[name] / parts)
         if num := sum(self.container.counts.get(id_, 0) for id_ in self.tick_channels):
             counts[BOXES] = num
         return counts
 
     @cached_property
-    def _bursts(self) -> Mapping[str, float]:
+    def bursts(self) -> Mapping[str, float]:
         """How many messages make a measurement of the sensors that send several, by name."""
         means: dict[str, float] = {}
+        counts = self.container.counts
+        times = self.container.log_times() if sum(counts.values()) <= _FEW_MESSAGES else None
         for id_ in sorted(self._channels("lidar", "radar")):
+            if times is not None and not (np.diff(times.get(id_, _NO_TIMES)[:NUM_PROBED]) <= MAX_BURST_NS).any():
+                continue
             entries = self.container.entries(frozenset([id_]))
             if (mean := mean_parts(self._decoder.message(entry) for entry in entries)) > 1:
                 means[self.roles[id_].sensor] = mean
@@ -115,7 +125,7 @@ class LogReader:
         """All measurements and poses in canonical order, and between them where the rig changes."""
         events = self._events(self._channels(*MESSAGES) | self._calibration.tf.channels)
         messages = (event for _, event in events if event is not None and not isinstance(event, TruthPart))
-        return join_bursts(messages, frozenset(self._bursts))
+        return join_bursts(messages, frozenset(self.bursts))
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
         """The same with the instants of boxes, in a log without measurements."""

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
@@ -12,6 +12,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from fbench.replay.contracts.errors import DataError, DecodeError
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.messages import Image, Message, Pose, RadarScan
+from fbench.replay.logs.bursts import is_repeat
 from fbench.replay.logs.codecs.codec import SENSORS, Origin, TruthPart
 from fbench.replay.logs.codecs.foxglove.proto import parse, split
 from fbench.replay.logs.codecs.ros.clouds import read_cloud
@@ -197,8 +198,26 @@ def inspect_log(container: Container) -> Inspection:
                 num_scans[topic.topic, window] += 1
                 sample.scan = message
             topic.samples.append(sample)
+    for topic in topics.values():
+        _count_measurements(topic)
     by_name = tuple(topic for _, topic in sorted(topics.items()))
     return Inspection(container, found, times, by_name, _unread_topics(container, found))
+
+
+def _count_measurements(topic: SampledTopic) -> None:
+    """Take the parts of a burst for one message, by what is sampled."""
+    repeats = [
+        a.window == b.window and b.num_points is not None and is_repeat(a.stamp_ns, b.stamp_ns, b.log_ns - a.log_ns)
+        for a, b in pairwise(topic.samples)
+    ]
+    if 2 * sum(repeats) >= len(repeats) > 0:
+        num_parts = round(len(topic.samples) / (len(topic.samples) - sum(repeats)))
+        topic.samples = [
+            *topic.samples[:1],
+            *(s for s, again in zip(topic.samples[1:], repeats, strict=True) if not again),
+        ]
+        topic.num_messages = round(topic.num_messages / num_parts)
+        topic.log_ns = None if topic.log_ns is None else topic.log_ns[::num_parts]
 
 
 def _cloud_fields(channel: Channel, entry: Entry) -> tuple[str, ...]:

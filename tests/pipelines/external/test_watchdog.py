@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -301,3 +301,29 @@ def test_interrupt_ends_the_program(tmp_path):
     finally:
         signal.signal(signal.SIGALRM, before)
         pipeline.close()
+
+
+DAEMON = """
+import subprocess
+subprocess.Popen(["sleep", "60"], start_new_session=True, stdin=-3, stdout=-3, stderr=-3)
+"""
+
+
+def test_a_daemon_that_the_program_leaves_behind_is_ended(tmp_path):
+    def sleepers() -> int:
+        mark = f"FBENCH_EXEC={os.getpid()}-".encode()
+        found = 0
+        for process in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError):
+                is_ours = mark in (process / "environ").read_bytes()
+                found += is_ours and (process / "cmdline").read_bytes().startswith(b"sleep")
+        return found
+
+    with closing(wicked(tmp_path, DAEMON)) as pipeline:
+        pipeline.start(RIG, INFO)
+        pipeline.step(frame(0))
+        assert sleepers() == 1
+    deadline = time.monotonic() + 10
+    while sleepers() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert sleepers() == 0

@@ -104,7 +104,7 @@ def test_every_part_reaches_a_frame(tmp_path, monkeypatch, form):
     assert not any(row["count"] for row in faults["rows"])
 
 
-def test_the_slowest_sensor_is_that_with_the_fewest_measurements(tmp_path, monkeypatch):
+def test_the_slowest_sensor_is_that_with_the_fewest_measurements(tmp_path, monkeypatch, capfd):
     """Eight messages every 100 ms are slower than one every 50 ms."""
     monkeypatch.chdir(tmp_path)
     messages = [("/tf", transform(TYPES[1], "lidar", 1.0)), ("/tf", transform(TYPES[1], "radar", 3.0))]
@@ -116,6 +116,17 @@ def test_the_slowest_sensor_is_that_with_the_fewest_measurements(tmp_path, monke
             echoes = dict.fromkeys(("x", "y", "z", "velocity"), points + part)
             messages.append(("/radar", cloud(ROS, structured(**echoes), frame_id="radar", stamp=stamp)))
     write_bag(tmp_path / "drive.bag", messages)
+    assert fbench("init", "drive.bag") == 0
+    text = Path("fbench.toml").read_text()
+    assert '"/radar"  # 20 messages' in text
+    Path("fbench.toml").unlink()
+    capfd.readouterr()
+    assert fbench("log", "info", "drive.bag", "--json") == 0
+    sensors = {row["sensor"]: row for row in json.loads(capfd.readouterr().out)["streams"]}
+    assert sensors["radar"]["num_messages"] == 20
+    assert sensors["radar"]["rate_hz"] < sensors["lidar"]["rate_hz"]
+    fbench("log", "check", "drive.bag", "--json")
+    assert "TIM003" not in capfd.readouterr().out
     result = fbench("replay", "drive.bag", "-p", "radar3d", "-o", "run", "--tolerance-ms", "20")
     manifest = json.loads(Path("run/manifest.json").read_text())
     assert result == 0
