@@ -60,7 +60,7 @@ class OpenLog:
         """Yield frames as a replay assembles them; the options are those of `ReplayRequest`. Raises ConfigError where
         an option isn't as expected. Raises LogError where the log has no message of any sensor with calibration.
         """
-        sync = self.source.sync(reference, timeout_ms, tolerance_ms, max_gap_s)
+        sync = self.source.sync_params(reference, timeout_ms, tolerance_ms, max_gap_s)
         params = sync, self.source.stamps(stamps, offset), make_excerpt(None, None, frames)
         return FrameStream(self.reader, *params, Clock(), self.faults).frames(self.reader)
 

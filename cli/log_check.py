@@ -57,7 +57,7 @@ def check(
     boxes = options.box_source(truth, truth_format, truth_frame)
     source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or ()))
     patterns = make_sensors(sensors or ())
-    sync = source.sync(reference, timeout_ms, tolerance_ms, max_gap_s)
+    sync = source.sync_params(reference, timeout_ms, tolerance_ms, max_gap_s)
     stamp_params = source.stamps(stamps, offset or ())
     given = tuple(sensors_of(pipeline, patterns) if pipeline else patterns)
     faults, name = FaultLog(), short_name(pipeline) if pipeline else ""

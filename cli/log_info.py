@@ -29,7 +29,7 @@ def info(
 
     source, faults = log_source(LogRequest(log, config, rig or ())), FaultLog()
     with explain_losses(faults):
-        result = survey(source.open(faults), source.sync(None, None, None, None))
+        result = survey(source.open(faults), source.sync_params(None, None, None, None))
     if json:
         print_json(_content(result, faults))
     else:

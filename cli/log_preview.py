@@ -43,7 +43,7 @@ def preview(
 
     boxes = options.box_source(truth, truth_format, truth_frame)
     source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or ()))
-    sync = replace(source.sync(reference, None, None, None), timeout_ns=TIMEOUT_NS)
+    sync = replace(source.sync_params(reference, None, None, None), timeout_ns=TIMEOUT_NS)
     request = PreviewRequest(num, sync, source.stamps(stamps, offset or []), make_excerpt(None, None, frames))
     place = out or Path(f"{log.resolve().stem}-preview")
     faults = FaultLog()

@@ -256,7 +256,7 @@ def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEH
         raise ConfigError(f"{run.folder}: there is no frame {frame}; frames are {known}")
     found, tracked = (views(shared, table, options)[0] for table in (shared.detections, shared.tracks))
     is_frame = found.sequence.steps.frame == frame
-    reason = found.heading.reason or (None if is_frame.any() else "it has no truth")
+    reason = found.key.reason or (None if is_frame.any() else "it has no truth")
     if reason is not None:
         raise MetricError(f"{run.folder}: frame {frame} isn't scored: {reason}", "GT001")
     require_unique_ids(tracked.sequence, str(run.folder))
@@ -271,7 +271,7 @@ def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEH
         # Whom a track is on depends on the frames before.
         _judge_tracks(tracked, group, options).table(np.flatnonzero(tracked.sequence.steps.frame == frame)),
     )
-    return Explanation(frame, record.stamp_ns, class_, found.heading.matching, num_invalid, tables)
+    return Explanation(frame, record.stamp_ns, class_, found.key.matching, num_invalid, tables)
 
 
 def _judge_tracks(view: View, group: Group, options: ScoreOptions) -> _Judged:

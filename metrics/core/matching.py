@@ -47,9 +47,10 @@ def match_greedy(similarity: Blocks, floor: float, score: Float64, late: Bool | 
     lower index of the estimate, then of the truth box.
 
     Args:
-        similarity: Of N truth boxes and M estimates, higher is nearer (distances are negated); NaN and -inf never
-        match. floor: Pairs match from this similarity on. score: (M,) of the estimates. late: (M,) estimates that
-        choose after all others; none by default.
+        similarity: Of N truth boxes and M estimates, higher is nearer (distances are negated); NaN, -inf never match.
+        floor: Pairs match from this similarity on.
+        score: (M,) of the estimates.
+        late: (M,) estimates that choose after all others; none by default.
 
     Returns (M,) the truth box of each estimate, -1 where it has none.
     """

@@ -110,7 +110,7 @@ def image_overlaps(truth: Objects, estimates: Objects, num_steps: int, region: B
     Regions hold any number of objects (KITTI's DontCare, COCO's crowds). 0 where the estimate has no area; -inf where
     one of the two isn't finite or has a negative size.
     """
-    from fbench.replay.geometry.compiled import rectangle_blocks  # numba takes a while to import
+    from fbench.replay.geometry.overlap_kernels import rectangle_blocks  # numba takes a while to import
 
     starts = _starts(truth, estimates, num_steps)
     a, b = _rectangles(truth), _rectangles(estimates)

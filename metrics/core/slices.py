@@ -131,7 +131,7 @@ S = TypeVar("S", bound=Statistics)
 
 
 @dataclass(frozen=True)
-class Heading:
+class ScoreKey:
     """What the rows of one class in one space have in common."""
 
     class_: str
@@ -155,27 +155,27 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class Entry(Generic[S]):
+class ScoreCounts(Generic[S]):
     """The statistics of one class, slice and space."""
 
-    heading: Heading
+    key: ScoreKey
     counts: S
 
     @property
-    def key(self) -> tuple[str, str, str]:
-        """What tells it apart from others."""
-        return self.heading.class_, self.heading.slice, self.heading.matching
+    def place(self) -> tuple[str, str, str]:
+        """What tells it apart from others: class, slice and matching."""
+        return self.key.class_, self.key.slice, self.key.matching
 
-    def __add__(self, other: "Entry[S]") -> "Entry[S]":
-        one, two = self.heading, other.heading
+    def __add__(self, other: "ScoreCounts[S]") -> "ScoreCounts[S]":
+        one, two = self.key, other.key
         reason = one.reason if one.reason and two.reason else None
-        heading = replace(one, reason=reason, num_frames=one.num_frames + two.num_frames)
-        return Entry(heading, self.counts + other.counts)
+        key = replace(one, reason=reason, num_frames=one.num_frames + two.num_frames)
+        return ScoreCounts(key, self.counts + other.counts)
 
 
-def add_entries(tables: Iterable[Iterable[Entry[S]]]) -> tuple[Entry[S], ...]:
+def add_counts(tables: Iterable[Iterable[ScoreCounts[S]]]) -> tuple[ScoreCounts[S], ...]:
     """Add the entries of several runs; what only some of them have stays, in the order in which it first comes."""
-    sums: dict[tuple[str, str, str], Entry[S]] = {}
+    sums: dict[tuple[str, str, str], ScoreCounts[S]] = {}
     for entry in itertools.chain.from_iterable(tables):
-        sums[entry.key] = sums[entry.key] + entry if entry.key in sums else entry
+        sums[entry.place] = sums[entry.place] + entry if entry.place in sums else entry
     return tuple(sums.values())

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 
 from fbench.metrics.core.exact import Counts, exact_sum
-from fbench.metrics.core.slices import Group, Heading
+from fbench.metrics.core.slices import Group, ScoreKey
 from fbench.metrics.detection import outcomes
 from fbench.metrics.detection.outcomes import BoxCounts, Outcome
 from fbench.replay.contracts.profiles import Match
@@ -136,7 +136,7 @@ def detection_counts(sequence: Sequence, group: Group, match: Match) -> Detectio
     )  # fmt: skip
 
 
-def detection_rows(n: DetectionCounts, head: Heading) -> list[Score]:
+def detection_rows(n: DetectionCounts, head: ScoreKey) -> list[Score]:
     """Return F1, precision and recall at the operating point."""
     boxes = n.boxes
     predicted = {"predicted": boxes.predicted} if boxes.predicted else {}
@@ -149,7 +149,7 @@ def detection_rows(n: DetectionCounts, head: Heading) -> list[Score]:
     return [head.ratio(metric, boxes.tp, bottom, head.reason or why, counts) for metric, bottom, why in table]
 
 
-def curve_rows(n: DetectionCounts, head: Heading) -> list[Score]:
+def curve_rows(n: DetectionCounts, head: ScoreKey) -> list[Score]:
     """Return what depends on scores: the best F1 with its threshold, and average precision."""
     reason = head.reason or n.ranking.reason
     best, threshold = (None, None) if reason else n.ranking.best_f1()
@@ -159,7 +159,7 @@ def curve_rows(n: DetectionCounts, head: Heading) -> list[Score]:
     return [head.score(metric, value, reason, counts) for metric, value in table]
 
 
-def deviation_rows(n: DetectionCounts, head: Heading) -> list[Score]:
+def deviation_rows(n: DetectionCounts, head: ScoreKey) -> list[Score]:
     """Return the mean absolute errors of distance [m] and range rate [m/s] of the hits."""
     table = (
         ("distance_error", n.distance, "m", "its distance"),

@@ -107,7 +107,7 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     if facts.family is None:  # by fbench's names, everywhere
         everywhere = ScoreOptions(range_m=math.inf, in_view=False)
         view = image_view(run, table, everywhere) if space == "2d" else ground_view(run, table, everywhere)
-        if (reason := view.heading.reason) is not None:
+        if (reason := view.key.reason) is not None:
             code = "GT001" if reason == "no truth" else ""
             raise MetricError(f"{run.folder}: {reason}, so there is nothing to score", code)
         return view.sequence

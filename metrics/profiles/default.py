@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.ordering import content_order
-from fbench.metrics.core.slices import VEHICLE, Entry, Heading, add_entries, find_labels, label_group
+from fbench.metrics.core.slices import VEHICLE, ScoreCounts, ScoreKey, add_counts, find_labels, label_group
 from fbench.metrics.detection.scores import DetectionCounts, curve_rows, detection_counts, detection_rows
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
@@ -31,10 +31,10 @@ class Both(Counts):
 class DefaultStatistics:
     """Counts by class."""
 
-    entries: tuple[Entry[Both], ...]
+    entries: tuple[ScoreCounts[Both], ...]
 
     def __add__(self, other: "DefaultStatistics") -> "DefaultStatistics":
-        return DefaultStatistics(add_entries([self.entries, other.entries]))
+        return DefaultStatistics(add_counts([self.entries, other.entries]))
 
 
 @dataclass(frozen=True)
@@ -72,14 +72,14 @@ class DefaultProfile:
             own = replace(known, truth=truth[group.holds(truth)], estimates=estimates[group.holds(estimates)])
             require_unique_ids(own)
             counts = Both(detection_counts(known, group, self.match), tracking_counts(known, group, self.match))
-            entries.append(Entry(Heading(group.name, "all", str(self.match), None, len(sequence.steps)), counts))
+            entries.append(ScoreCounts(ScoreKey(group.name, "all", str(self.match), None, len(sequence.steps)), counts))
         return DefaultStatistics(tuple(entries))
 
     def scores(self, statistics: DefaultStatistics, part: str) -> list[Score]:
         """Return rows of all vehicles, then of each label."""
         names, rows = (VEHICLE.name, *LABELS), []
-        for entry in sorted(statistics.entries, key=lambda entry: names.index(entry.heading.class_)):
-            head, counts = replace(entry.heading, slice=part), entry.counts
+        for entry in sorted(statistics.entries, key=lambda entry: names.index(entry.key.class_)):
+            head, counts = replace(entry.key, slice=part), entry.counts
             rows += detection_rows(counts.detection, head)
             rows += tracking_rows(counts.tracking, head, "m" if self.match.is_distance else "iou")
             rows += curve_rows(counts.detection, head)

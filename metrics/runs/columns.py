@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.metrics.core.ordering import content_order
-from fbench.metrics.core.slices import Heading
+from fbench.metrics.core.slices import ScoreKey
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -84,7 +84,7 @@ class View:
 
     match: Match
     sequence: Sequence
-    heading: Heading  # Of rows about all vehicles
+    key: ScoreKey  # Of rows about all vehicles
 
 
 @dataclass(frozen=True, eq=False)

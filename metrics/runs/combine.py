@@ -8,7 +8,7 @@ from operator import add
 from typing import TypeVar
 
 from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
-from fbench.metrics.core.slices import VEHICLE, Entry, add_entries
+from fbench.metrics.core.slices import VEHICLE, ScoreCounts, add_counts
 from fbench.metrics.detection.scores import DetectionCounts
 from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.places import SharedRun
@@ -68,15 +68,15 @@ OF_TRACKS = ("idf1", "idp", "idr", "hota", "deta", "assa", "loca", "occlusion_su
 class RunTable:
     """Statistics of one run, or of several added."""
 
-    detection: tuple[Entry[DetectionCounts], ...]
-    tracking: tuple[Entry[TrackingCounts], ...]
+    detection: tuple[ScoreCounts[DetectionCounts], ...]
+    tracking: tuple[ScoreCounts[TrackingCounts], ...]
     matching: str  # In the pipeline's own space
     num_scored: int  # Frames that have truth
     num_frames: int
 
     def __add__(self, other: "RunTable") -> "RunTable":
         return RunTable(
-            add_entries([self.detection, other.detection]), add_entries([self.tracking, other.tracking]), self.matching,
+            add_counts([self.detection, other.detection]), add_counts([self.tracking, other.tracking]), self.matching,
             self.num_scored + other.num_scored, self.num_frames + other.num_frames,
         )  # fmt: skip
 
@@ -89,9 +89,9 @@ class RunTable:
     def as_part(self, part: str) -> "RunTable":
         """Return the whole of it as a slice of something larger."""
 
-        def name(entries: tuple[Entry[S], ...]) -> tuple[Entry[S], ...]:
-            whole = (entry for entry in entries if entry.heading.slice == "all")
-            return tuple(replace(entry, heading=replace(entry.heading, slice=part)) for entry in whole)
+        def name(entries: tuple[ScoreCounts[S], ...]) -> tuple[ScoreCounts[S], ...]:
+            whole = (entry for entry in entries if entry.key.slice == "all")
+            return tuple(replace(entry, key=replace(entry.key, slice=part)) for entry in whole)
 
         return replace(self, detection=name(self.detection), tracking=name(self.tracking))
 
@@ -117,7 +117,7 @@ def measure_run(
     manifest, shared = run.manifest, SharedRun(run.folder)
     found = detection.detection_entries(shared, options, match)
     tracked = tracking.tracking_entries(shared, options, match)
-    native, words = found[0].heading, manifest.log.metadata
+    native, words = found[0].key, manifest.log.metadata
     # No numbers, and no texts as long as that of regions.
     tags = {key: value for key, value in words.items() if 0 < len(value) <= _LONGEST_WORD and not is_number(value)}
     return RunStatistics(
@@ -192,8 +192,8 @@ def _add_others(runs: Sequence[RunStatistics]) -> list[Score]:
 
 def _matchings(run: RunStatistics) -> list[str]:
     """How boxes match in the spaces in which a run has something to score."""
-    headings = (entry.heading for entry in run.table.detection)
-    return list(dict.fromkeys(heading.matching for heading in headings if heading.reason is None))
+    keys = (entry.key for entry in run.table.detection)
+    return list(dict.fromkeys(key.matching for key in keys if key.reason is None))
 
 
 def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatistics]]]:
@@ -236,18 +236,18 @@ def resample(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics:
 
 
 def _resample_entries(
-    tables: Mapping[str, Sequence[Entry[S]]], rows_of: Callable[[Entry[S]], list[Score]], nothing: S, how: Bootstrap,
-    unit: str, metrics: Sequence[str],
+    tables: Mapping[str, Sequence[ScoreCounts[S]]], rows_of: Callable[[ScoreCounts[S]], list[Score]], nothing: S,
+    how: Bootstrap, unit: str, metrics: Sequence[str],
 ) -> Iterator[Score]:  # fmt: skip
     """Yield the rows of each class and space with intervals; a unit that lacks a class has nothing of it."""
-    for total in add_entries(tables[name] for name in sorted(tables)):
-        if total.heading.slice != "all" or total.heading.reason is not None:
+    for total in add_counts(tables[name] for name in sorted(tables)):
+        if total.key.slice != "all" or total.key.reason is not None:
             continue
-        own = {name: {entry.key: entry.counts for entry in table} for name, table in tables.items()}
-        units = {name: counts.get(total.key, nothing) for name, counts in own.items()}
+        own = {name: {entry.place: entry.counts for entry in table} for name, table in tables.items()}
+        units = {name: counts.get(total.place, nothing) for name, counts in own.items()}
 
-        def rows(counts: S, total: Entry[S] = total) -> list[Score]:
-            return rows_of(Entry(total.heading, counts))
+        def rows(counts: S, total: ScoreCounts[S] = total) -> list[Score]:
+            return rows_of(ScoreCounts(total.key, counts))
 
         yield from with_intervals(units, rows, how, unit, metrics)
 

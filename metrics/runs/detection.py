@@ -1,11 +1,11 @@
 """Scores of a run's detections."""
 
 from collections.abc import Iterator
-from collections.abc import Sequence as Sequence_of_abc
+from collections.abc import Sequence as AbstractSequence
 from dataclasses import replace
 
 from fbench.metrics.core import slices
-from fbench.metrics.core.slices import VEHICLE, VISIBILITY_SLICES, Entry, Part
+from fbench.metrics.core.slices import VEHICLE, VISIBILITY_SLICES, Part, ScoreCounts
 from fbench.metrics.detection import scores
 from fbench.metrics.detection.outcomes import compare_class, judge_detections
 from fbench.metrics.detection.scores import DetectionCounts
@@ -27,21 +27,21 @@ class Detection:
     Null where the denominator is 0. Counts are summed over frames before dividing.
     """
 
-    def scores(self, run: Run, options: ScoreOptions) -> Sequence_of_abc[Score]:
+    def scores(self, run: Run, options: ScoreOptions) -> AbstractSequence[Score]:
         """Return rows for all vehicles as one class in each space, for each label, for slices, then `coverage`."""
         entries = detection_entries(run, options)
-        native = entries[0].heading
+        native = entries[0].key
         rows = [row for entry in entries for row in rows_of(entry)]
         return [*rows, coverage(native.matching, native.num_frames, len(run.frames))]
 
 
 def detection_entries(
     run: Run, options: ScoreOptions, match: Match | None = None
-) -> tuple[Entry[DetectionCounts], ...]:
+) -> tuple[ScoreCounts[DetectionCounts], ...]:
     """Measure all vehicles in each space, then labels and slices in the run's own, or by `match`, see `views`."""
     spaces = views(run, run.detections, options, match)
     entries, native = measure_classes(spaces, run.detections, scores.detection_counts, DetectionCounts()), spaces[0]
-    if native.heading.reason:
+    if native.key.reason:
         return entries
     sequence = native.sequence
     whole = compare_class(sequence, VEHICLE, native.match)
@@ -49,7 +49,7 @@ def detection_entries(
     parts += [*slices.by_range(sequence, options.range_m), *slices.by_visibility(sequence)]
     parts += [*slices.by_source(sequence), *_by_region(run, sequence)]
     own = (
-        Entry(replace(native.heading, slice=part.name), DetectionCounts(judge_detections(whole.select(part)).counts))
+        ScoreCounts(replace(native.key, slice=part.name), DetectionCounts(judge_detections(whole.select(part)).counts))
         for part in parts
     )
     return *entries, *own
@@ -68,15 +68,15 @@ def _by_region(run: Run, sequence: Sequence) -> Iterator[Part]:
         yield Part(f"region {kind}", inside(own, truth_points), inside(own, estimate_points))
 
 
-def rows_of(entry: Entry[DetectionCounts]) -> list[Score]:
+def rows_of(entry: ScoreCounts[DetectionCounts]) -> list[Score]:
     """Return the rows of one entry; what depends on scores and distances only of the whole."""
-    rows = scores.detection_rows(entry.counts, entry.heading)
-    if entry.heading.slice != "all":
+    rows = scores.detection_rows(entry.counts, entry.key)
+    if entry.key.slice != "all":
         # A false alarm has no visibility, so neither precision nor F1 means anything there.
         return [row for row in rows if row.metric == "recall" or row.slice not in VISIBILITY_SLICES]
-    rows += scores.curve_rows(entry.counts, entry.heading)
-    if entry.heading.matching.startswith("iou "):
-        rows += scores.deviation_rows(entry.counts, entry.heading)
+    rows += scores.curve_rows(entry.counts, entry.key)
+    if entry.key.matching.startswith("iou "):
+        rows += scores.deviation_rows(entry.counts, entry.key)
     return rows
 
 

@@ -37,9 +37,9 @@ class Pieces:
         sequence = view.sequence
         piece = self.piece[np.searchsorted(self.frame, sequence.steps.frame)]
         for number in range(int(self.piece.max(initial=-1)) + 1):
-            num_frames = 0 if view.heading.reason else int((self.piece == number).sum())
-            heading = replace(view.heading, num_frames=num_frames)
-            yield View(view.match, of_steps(sequence, piece == number), heading)
+            num_frames = 0 if view.key.reason else int((self.piece == number).sum())
+            key = replace(view.key, num_frames=num_frames)
+            yield View(view.match, of_steps(sequence, piece == number), key)
 
 
 def cut_run(run: Run, least: int) -> Pieces | str:
@@ -86,7 +86,7 @@ def intervals_of_run(
         f"{number:06d}": RunTable(
             measure_classes(found, shared.detections, detection_counts, DetectionCounts()),
             measure_classes(tracked, shared.tracks, tracking_counts, TrackingCounts()),
-            found[0].heading.matching, found[0].heading.num_frames, int((cut.piece == number).sum()),
+            found[0].key.matching, found[0].key.num_frames, int((cut.piece == number).sum()),
         )
         for number, (found, tracked) in enumerate(zip(detections, tracks, strict=True))
     }  # fmt: skip

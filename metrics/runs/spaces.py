@@ -1,13 +1,13 @@
 """The spaces in which a run is scored: the ground plane and its images."""
 
 from collections.abc import Callable
-from collections.abc import Sequence as Sequence_of_abc
+from collections.abc import Sequence as AbstractSequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, find_labels, label_group
+from fbench.metrics.core.slices import VEHICLE, Group, ScoreCounts, ScoreKey, find_labels, label_group
 from fbench.metrics.runs.columns import Labelled, View, objects_of
 from fbench.metrics.runs.places import find_seen, on_ground, once
 from fbench.replay.contracts.errors import MetricError
@@ -52,8 +52,8 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     view = ", in view" if options.in_view and _cameras_with_model(run.manifest.rig) else ""
     matching = f"bev {options.distance_m:g} m, within {options.range_m:g} m{view}{_limits(options)}"
     reason = None if labeled.frames else "no truth"
-    heading = Heading(VEHICLE.name, "all", matching, reason, len(labeled.frames))
-    return View(Match("bev", options.distance_m), sequence, heading)
+    key = ScoreKey(VEHICLE.name, "all", matching, reason, len(labeled.frames))
+    return View(Match("bev", options.distance_m), sequence, key)
 
 
 def _truth(labeled: Labelled, space: Literal["2d", "3d"], options: ScoreOptions, place: Place) -> tuple[Objects, int]:
@@ -117,8 +117,8 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
         truth = estimates = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
         steps, num_invalid = Steps.of_one_stream(0), 0
     sequence = Sequence(run.manifest.log.name, steps, truth, estimates, labeled.num_unlabeled, num_invalid)
-    heading = Heading(VEHICLE.name, "all", matching, reason, 0 if reason else len(labeled.frames))
-    return View(Match("iou2d", options.iou), sequence, heading)
+    score_key = ScoreKey(VEHICLE.name, "all", matching, reason, 0 if reason else len(labeled.frames))
+    return View(Match("iou2d", options.iou), sequence, score_key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,16 +175,16 @@ def views(run: Run, table: BoxTable, options: ScoreOptions, match: Match | None 
     if match is not None:
         flat = match.likeness == "iou2d"
         view = image_view(run, table, options) if flat else ground_view(run, table, options)
-        _, comma, which = view.heading.matching.partition(",")
+        _, comma, which = view.key.matching.partition(",")
         how = f"iou {match.threshold:g}" if flat else str(match)
-        return (replace(view, match=match, heading=replace(view.heading, matching=f"{how}{comma}{which}")),)
+        return (replace(view, match=match, key=replace(view.key, matching=f"{how}{comma}{which}")),)
     image = image_view(run, table, options)
     return (ground_view(run, table, options), image) if isinstance(table.boxes, Boxes3D) else (image,)
 
 
 def measure_classes(
-    spaces: Sequence_of_abc[View], table: BoxTable, measure: Callable[[Sequence, Group, Match], S], nothing: S
-) -> tuple[Entry[S], ...]:
+    spaces: AbstractSequence[View], table: BoxTable, measure: Callable[[Sequence, Group, Match], S], nothing: S
+) -> tuple[ScoreCounts[S], ...]:
     """Measure all vehicles in each space, then labels in the first: those that truth or results have, where the
     pipeline knows labels. Where there is nothing to score the statistics are `nothing`.
     """
@@ -193,9 +193,9 @@ def measure_classes(
         met = find_labels(spaces[0].sequence.truth, spaces[0].sequence.estimates)
         classes += [(spaces[0], label_group(label)) for label in LABELS if label in met]
     return tuple(
-        Entry(
-            replace(view.heading, class_=group.name),
-            nothing if view.heading.reason else measure(view.sequence, group, view.match),
+        ScoreCounts(
+            replace(view.key, class_=group.name),
+            nothing if view.key.reason else measure(view.sequence, group, view.match),
         )
         for view, group in classes
     )

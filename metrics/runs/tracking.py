@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from fbench.metrics.core.slices import VEHICLE, Entry, by_seen
+from fbench.metrics.core.slices import VEHICLE, ScoreCounts, by_seen
 from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
 from fbench.replay.contracts.profiles import Match
@@ -33,7 +33,9 @@ class Tracking:
         return [row for entry in tracking_entries(run, options) for row in rows_of(entry)]
 
 
-def tracking_entries(run: Run, options: ScoreOptions, match: Match | None = None) -> tuple[Entry[TrackingCounts], ...]:
+def tracking_entries(
+    run: Run, options: ScoreOptions, match: Match | None = None
+) -> tuple[ScoreCounts[TrackingCounts], ...]:
     """Measure the tracks of a run: all vehicles in each space, then labels and what is seen in its own space, or in
     that of `match`, see `views`. Raises MetricError where an id occurs twice in one frame.
     """
@@ -44,15 +46,15 @@ def tracking_entries(run: Run, options: ScoreOptions, match: Match | None = None
         require_unique_ids(view.sequence, where)
     entries, native = measure_classes(spaces, run.tracks, tracking_counts, TrackingCounts()), spaces[0]
     # Only what holds for whole tracks is a slice: what is seen, but not distances, which change along a track.
-    parts = () if native.heading.reason or options.seen else by_seen(native.sequence)
+    parts = () if native.key.reason or options.seen else by_seen(native.sequence)
     slices = (
-        Entry(replace(native.heading, slice=part.name), tracking_counts(native.sequence, VEHICLE, native.match, part))
+        ScoreCounts(replace(native.key, slice=part.name), tracking_counts(native.sequence, VEHICLE, native.match, part))
         for part in parts
     )
     return *entries, *slices
 
 
-def rows_of(entry: Entry[TrackingCounts]) -> list[Score]:
+def rows_of(entry: ScoreCounts[TrackingCounts]) -> list[Score]:
     """Return the rows of one entry."""
-    unit = "iou" if entry.heading.matching.startswith("iou") else "m"
-    return tracking_rows(entry.counts, entry.heading, unit)
+    unit = "iou" if entry.key.matching.startswith("iou") else "m"
+    return tracking_rows(entry.counts, entry.key, unit)

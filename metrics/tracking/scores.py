@@ -8,7 +8,7 @@ from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.matching import match_best
 from fbench.metrics.core.ordering import find_twice, number_tracks
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.slices import Group, Heading, Part
+from fbench.metrics.core.slices import Group, Part, ScoreKey
 from fbench.metrics.detection.outcomes import BoxCounts, Judgement, Outcome, compare_class, judge
 from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
 from fbench.metrics.tracking.clear_events import SWITCH
@@ -115,7 +115,7 @@ def require_unique_ids(sequence: Sequence, where: str = "") -> None:
             )
 
 
-def tracking_rows(n: TrackingCounts, head: Heading, unit: str) -> list[Score]:
+def tracking_rows(n: TrackingCounts, head: ScoreKey, unit: str) -> list[Score]:
     """Return the rows of one class, MOTA first, those of HOTA as means over its 19 thresholds.
 
     `unit` is that of MOTP: `m` where boxes match by distance, else `iou`.

@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.slices import Heading
+from fbench.metrics.core.slices import ScoreKey
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Steps
@@ -57,7 +57,7 @@ def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | N
     return SurvivalCounts(tuple(occlusions), tuple(survived), untimed, untimed_survived)
 
 
-def survival_rows(n: SurvivalCounts, head: Heading, reason: str | None) -> list[Score]:
+def survival_rows(n: SurvivalCounts, head: ScoreKey, reason: str | None) -> list[Score]:
     """Return the share of occlusions that were survived: of all, then by length."""
     total = {"occlusions": sum(n.occlusions) + n.untimed, "survived": sum(n.survived) + n.untimed_survived}
     bottom, name = 0 if reason else total["occlusions"], "occlusion_survival"

@@ -14,10 +14,10 @@ from fbench.pipelines.models.weights import resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
 from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, projectable
-from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.parallel import Branches
 from fbench.pipelines.sensors.points.merged import require
-from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
+from fbench.pipelines.sensors.radar.stage import RadarParams, RadarStage
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.image.params import LidarImageParams, whole_vehicles
 from fbench.pipelines.sensors.image.stage import LidarInImages, drop_labels, projectable
-from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline

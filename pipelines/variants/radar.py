@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
 from fbench.pipelines.sensors.image.stage import RadarInImages, drop_labels, projectable
 from fbench.pipelines.sensors.points.merged import report_boxes, require
-from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
+from fbench.pipelines.sensors.radar.stage import RadarParams, RadarStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D

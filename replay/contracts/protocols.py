@@ -54,7 +54,7 @@ class Recording(Protocol):
 
     @property
     def info(self) -> LogInfo:
-        """The log's name, its id, which tells files and parameters apart (`imports.identity`), and the dataset's facts.
+        """The log's name, its id, its id (see `contracts.importing.log_id`) and the dataset's facts.
         Raises LogError naming the file that is missing or wrong.
         """
 

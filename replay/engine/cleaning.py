@@ -14,7 +14,7 @@ from fbench.replay.data.boxes import LABELS, Boxes, Boxes2D, Boxes3D
 from fbench.replay.data.frames import ClockName, Fault, Output
 from fbench.replay.data.messages import Image, Message, Pose
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs.codecs.points import only_finite
+from fbench.replay.logs.codecs.packed_points import only_finite
 from fbench.replay.logs.coordinate_frames import invalid
 
 

@@ -120,7 +120,7 @@ class _Loop:
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
         start = time.perf_counter_ns()
-        output, failed = self._guard(frame)
+        output, failed = self._run_pipeline(frame)
         total_ns = time.perf_counter_ns() - start
         stamp, segment = frame.stamp_ns, frame.segment
         results = None if output is None else (output.detections, output.tracks)
@@ -141,7 +141,7 @@ class _Loop:
             self._writer.add_frame(record, {**stages, "total": sum(stages.values())} if stages else {}, "log")
         self._media.offer(frame)
 
-    def _guard(self, frame: Frame) -> tuple[Output | None, str | None]:
+    def _run_pipeline(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
         pipeline = self._plan.pipeline
         try:

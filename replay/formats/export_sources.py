@@ -78,7 +78,7 @@ def _match_by_number(truths: Iterable[Truth], reader: LogReader) -> _Matched:
 def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog) -> _Matched:
     """Match boxes with frames as a replay would; what belongs to none is counted as GT006."""
     reader = source.open(faults)
-    sync = source.sync(None, None, None, None)
+    sync = source.sync_params(None, None, None, None)
     stream = FrameStream(reader, sync, StampParams(), Excerpt(), Clock(), faults)
     frames = [(Instant(f.index, f.stamp_ns, f.frame_number, is_chosen=True), f.segment) for f in stream.frames(reader)]
     stream.require_frames(reader.info.name)

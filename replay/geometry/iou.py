@@ -34,7 +34,7 @@ def corners(boxes: Boxes3D) -> Float64:
 
 def iou_2d(a: Array, b: Array) -> Float64:
     """Intersection over union (N, M) of rectangles (N, 4) and (M, 4), left, top, right, bottom; 0 if both are empty."""
-    from fbench.replay.geometry.compiled import rectangle_blocks  # numba takes a while to import
+    from fbench.replay.geometry.overlap_kernels import rectangle_blocks  # numba takes a while to import
 
     a, b = (np.array(rectangles, np.float64, order="C") for rectangles in (a, b))
     sound_a, sound_b, region = np.ones(len(a), bool), np.ones(len(b), bool), np.zeros(len(a), bool)
@@ -91,7 +91,7 @@ def flat_iou(a: Float64, b: Float64, start_a: Int64, start_b: Int64, solid: bool
     `a` (N, 7) and `b` (M, 7) are upright boxes: center x, y, z, length, width, height [m], heading [rad]; step s has
     rows `start_a[s]:start_a[s + 1]` of `a`, likewise of `b`. `solid`: in space; else of the footprints.
     """
-    from fbench.replay.geometry.compiled import iou_blocks  # numba takes a while to import
+    from fbench.replay.geometry.overlap_kernels import iou_blocks  # numba takes a while to import
 
     rows_a, rows_b = (np.ascontiguousarray(boxes, np.float64) for boxes in (a, b))
     return iou_blocks(rows_a, rows_b, comparable(a), comparable(b), start_a, start_b, solid)

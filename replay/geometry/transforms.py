@@ -48,7 +48,7 @@ def transform(dst_T_src: Float64, xyz: Array) -> Float64:
     """
     m = dst_T_src
     if len(xyz) >= _MANY and xyz.dtype in (np.float32, np.float64):
-        from fbench.replay.geometry.compiled import move_points  # numba takes a while to import
+        from fbench.replay.geometry.overlap_kernels import move_points  # numba takes a while to import
 
         return move_points(np.array(m, np.float64, order="C"), np.ascontiguousarray(xyz))
     p = np.asarray(xyz, np.float64)

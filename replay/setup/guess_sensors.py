@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import chain, count, groupby
 
 from fbench.replay.data.rig import KINDS, Kind
-from fbench.replay.logs.codecs.points import DOPPLER_FIELDS, RING_FIELDS, VECTOR_FIELDS
+from fbench.replay.logs.codecs.packed_points import DOPPLER_FIELDS, RING_FIELDS, VECTOR_FIELDS
 from fbench.replay.logs.coordinate_frames import BODIES, WORLDS
 from fbench.replay.setup.inspection import LeftOut, SampledTopic
 

@@ -121,7 +121,7 @@ class ReplayRequest:
         return ReplayOptions(
             source,
             settings,
-            source.sync(self.reference, self.timeout_ms, self.tolerance_ms, self.max_gap_s),
+            source.sync_params(self.reference, self.timeout_ms, self.tolerance_ms, self.max_gap_s),
             source.stamps(self.stamps, self.offset),
             make_excerpt(self.from_, self.to, self.frames),
             make_max_between_ns(self.interpolate_truth_ms),

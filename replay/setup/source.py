@@ -74,7 +74,7 @@ class LogSource:
 
         return truth_entry(self.setup.truth)
 
-    def sync(
+    def sync_params(
         self, reference: str | None, timeout_ms: float | None, tolerance_ms: float | None, max_gap_s: float | None
     ) -> SyncParams:
         """How messages become frames, by command line, else configuration. Raises ConfigError for a bad duration."""

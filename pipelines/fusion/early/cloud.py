@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarStage, Obstacles, obstacles
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, Obstacles, obstacles
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.merged import viewpoint
-from fbench.pipelines.sensors.radar.radar import Compensated
+from fbench.pipelines.sensors.radar.stage import Compensated
 from fbench.pipelines.sensors.rows import Rows
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoStage
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range

@@ -12,7 +12,7 @@ from fbench.pipelines.fusion.early.density import DensityParams, cluster_cloud
 from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed, SemanticsParams
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE, are_one
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
-from fbench.pipelines.sensors.radar.radar import median_rate
+from fbench.pipelines.sensors.radar.stage import median_rate
 from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Float64

@@ -14,9 +14,9 @@ from fbench.pipelines.fusion.late.place import FusedObject, Observations, place
 from fbench.pipelines.fusion.observations import CameraObservation, are_one
 from fbench.pipelines.fusion.reliability import SensorReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.lidar.stage import LidarView
 from fbench.pipelines.sensors.points.merged import viewpoint
-from fbench.pipelines.sensors.radar.radar import RadarView
+from fbench.pipelines.sensors.radar.stage import RadarView
 from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D, Source

@@ -8,11 +8,11 @@ import numpy as np
 from fbench.pipelines.sensors.image import params as image
 from fbench.pipelines.sensors.image.params import ImageClusterParams, LidarImageParams, RadarImageParams, ShapeParams
 from fbench.pipelines.sensors.lidar.classification import measure_inside
-from fbench.pipelines.sensors.lidar.lidar import Obstacles
+from fbench.pipelines.sensors.lidar.stage import Obstacles
 from fbench.pipelines.sensors.points.grid import lexicographic_order, median
 from fbench.pipelines.sensors.points.ground import Plane, find_ground
 from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fade, fit_rectangles
-from fbench.pipelines.sensors.radar.radar import Compensated, median_rate
+from fbench.pipelines.sensors.radar.stage import Compensated, median_rate
 from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.rig import CameraModel, Rig

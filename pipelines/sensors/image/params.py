@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams
+from fbench.pipelines.sensors.lidar.stage import LidarClusterParams, LidarParams
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.ground import GroundParams
-from fbench.pipelines.sensors.radar.radar import RadarParams
+from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, in_range, require_between
 from fbench.replay.data.arrays import Float64, Int64

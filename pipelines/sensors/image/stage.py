@@ -10,11 +10,11 @@ from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Cloud, Points, Spots, of_lidar, of_radar, spots
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
-from fbench.pipelines.sensors.lidar.lidar import LidarStage
+from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.points.merged import viewpoint
-from fbench.pipelines.sensors.radar import radar
-from fbench.pipelines.sensors.radar.radar import Compensated, RadarParams, RadarStage, RadarView
+from fbench.pipelines.sensors.radar import stage as radar
+from fbench.pipelines.sensors.radar.stage import Compensated, RadarParams, RadarStage, RadarView
 from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.params import StageClock

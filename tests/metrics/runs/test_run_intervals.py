@@ -90,7 +90,7 @@ def test_views_of_pieces_hold_every_box_once(tmp_path: Path) -> None:
     assert isinstance(cut, Pieces)
     view = views(run, run.tracks, OPTIONS)[0]
     parts = list(cut.views(view))
-    assert sum(part.heading.num_frames for part in parts) == view.heading.num_frames == 60
+    assert sum(part.key.num_frames for part in parts) == view.key.num_frames == 60
     for side in ("truth", "estimates"):
         centers = [getattr(part.sequence, side).center_m for part in parts]
         assert np.concatenate(centers).tolist() == getattr(view.sequence, side).center_m.tolist()

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.core.slices import VEHICLE, Heading
+from fbench.metrics.core.slices import VEHICLE, ScoreKey
 from fbench.metrics.detection.scores import Deviation, detection_counts, deviation_rows, range_rates
 from fbench.replay.contracts.profiles import Match
 
 MATCH = Match("bev", 2.0)
-HEAD = Heading("vehicle", "all", "iou 0.5", None, 1)
+HEAD = ScoreKey("vehicle", "all", "iou 0.5", None, 1)
 
 
 def test_the_mean_absolute_error_of_hits_that_tell_it() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.core.slices import VEHICLE, Heading
+from fbench.metrics.core.slices import VEHICLE, ScoreKey
 from fbench.metrics.tracking.scores import tracking_counts
 from fbench.metrics.tracking.survival import SurvivalCounts, survival_rows
 from fbench.replay.contracts.profiles import Match
@@ -82,16 +82,16 @@ def test_lengths_are_times_between_being_seen(hidden: int, which: int) -> None:
 
 def test_rows() -> None:
     counts = SurvivalCounts((3, 1, 0, 0), (2, 0, 0, 0))
-    rows = survival_rows(counts, Heading("vehicle", "all", "bev 2 m"), None)
+    rows = survival_rows(counts, ScoreKey("vehicle", "all", "bev 2 m"), None)
     assert [(row.slice, row.value) for row in rows] == [
         ("all", 0.5), ("occlusion 0-0.5 s", pytest.approx(2 / 3)), ("occlusion 0.5-1 s", 0.0),
         ("occlusion 1-2 s", None), ("occlusion over 2 s", None),
     ]  # fmt: skip
     assert rows[0].counts == {"occlusions": 4, "survived": 2}
-    assert survival_rows(counts + counts, Heading("vehicle", "condition fog", "m"), None)[1].slice.startswith(
+    assert survival_rows(counts + counts, ScoreKey("vehicle", "condition fog", "m"), None)[1].slice.startswith(
         "condition fog, "
     )
-    nothing = survival_rows(SurvivalCounts(), Heading("vehicle", "all", "bev 2 m"), None)
+    nothing = survival_rows(SurvivalCounts(), ScoreKey("vehicle", "all", "bev 2 m"), None)
     assert [(row.value, row.reason) for row in nothing] == [(None, "no tracked object was occluded")]
 
 
@@ -100,11 +100,11 @@ def test_frames_without_stamps_tell_no_lengths() -> None:
     whole = made("oo" + "." * 100 + "oo..oo", "55" + "." * 100 + "55..66", period_s=0.0)
     counts = tracking_counts(whole, VEHICLE, Match("bev", 2.0)).survival
     assert counts == SurvivalCounts(untimed=2, untimed_survived=1)
-    first, *others = survival_rows(counts, Heading("vehicle", "all", "bev 2 m"), None)
+    first, *others = survival_rows(counts, ScoreKey("vehicle", "all", "bev 2 m"), None)
     assert (first.value, first.counts) == (0.5, {"occlusions": 2, "survived": 1})
     assert {(row.value, row.reason) for row in others} == {(None, "frames have no stamps")}
     timed = SurvivalCounts((3, 1, 0, 0), (2, 0, 0, 0))
-    both = survival_rows(timed + counts, Heading("vehicle", "all", "bev 2 m"), None)
+    both = survival_rows(timed + counts, ScoreKey("vehicle", "all", "bev 2 m"), None)
     assert (both[0].counts, both[1].counts) == (
         {"occlusions": 6, "survived": 3}, {"occlusions": 3, "survived": 2}
     )  # fmt: skip

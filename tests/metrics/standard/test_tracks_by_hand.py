@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.core.slices import VEHICLE, Heading
+from fbench.metrics.core.slices import VEHICLE, ScoreKey
 from fbench.metrics.tracking.scores import TrackingCounts, tracking_counts, tracking_rows
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence
 
 MATCH = Match("bev", 2.0)
-HEAD = Heading("vehicle", "all", "bev 2 m", None, 1)
+HEAD = ScoreKey("vehicle", "all", "bev 2 m", None, 1)
 
 
 def rows(counts: TrackingCounts) -> dict[str, Score]:

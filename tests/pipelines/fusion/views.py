@@ -4,9 +4,9 @@ import numpy as np
 
 from fbench.pipelines.fusion.late.fuse import SensorViews
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.lidar.stage import LidarView
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.sensors.radar.radar import RadarView
+from fbench.pipelines.sensors.radar.stage import RadarView
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import project_boxes

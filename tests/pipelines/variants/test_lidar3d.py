@@ -3,7 +3,7 @@ import pytest
 from tests.pipelines.frames import assert_equal, cloud, fields, frame, rig, scan
 from tests.pipelines.scenes import car_back, road
 
-from fbench.pipelines.sensors.lidar.lidar import LidarParams
+from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.messages import PointCloud

@@ -3,7 +3,7 @@ import pytest
 from tests.pipelines.frames import assert_equal, fields, frame, rig, scan
 
 from fbench.pipelines.sensors.radar.doppler import PERIOD_KEY, DopplerParams
-from fbench.pipelines.sensors.radar.radar import RadarParams
+from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.boxes import Boxes3D

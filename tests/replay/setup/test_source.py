@@ -35,10 +35,10 @@ def test_the_one_beside_the_log_is_used(log):
     source = log_source(LogRequest(log))
     assert list(source.setup.sensors) == ["top", "front"]
     assert source.setup.truth == BoxSource(log.parent / "labels.csv")
-    assert source.sync(None, None, None, None).timeout_ns == 45_000_000
-    assert source.sync("front", 10.0, None, None).reference == "front"
-    assert source.sync("front", 10.0, None, None).timeout_ns == 10_000_000
-    assert source.sync(None, None, None, None).tolerance_ns == 50_000_000
+    assert source.sync_params(None, None, None, None).timeout_ns == 45_000_000
+    assert source.sync_params("front", 10.0, None, None).reference == "front"
+    assert source.sync_params("front", 10.0, None, None).timeout_ns == 10_000_000
+    assert source.sync_params(None, None, None, None).tolerance_ns == 50_000_000
     assert [(entry.role, entry.name) for entry in source.inputs] == [("config", "fbench.toml")]
 
 

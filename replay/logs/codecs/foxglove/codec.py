@@ -24,7 +24,7 @@ from fbench.replay.logs.codecs.foxglove import messages
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split
 from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration
 from fbench.replay.logs.codecs.foxglove.truth import read_boxes
-from fbench.replay.logs.codecs.points import is_radar
+from fbench.replay.logs.codecs.packed_points import is_radar
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.coordinate_frames import Edge
 

@@ -21,7 +21,7 @@ from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split, timestamp
-from fbench.replay.logs.codecs.points import C, Columns, PointField, lidar_sweep, radar_scan
+from fbench.replay.logs.codecs.packed_points import C, Columns, PointField, lidar_sweep, radar_scan
 from fbench.replay.logs.coordinate_frames import BODIES
 
 _TYPES: Mapping[int, str] = {

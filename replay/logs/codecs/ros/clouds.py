@@ -7,9 +7,9 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError, PointsError
 from fbench.replay.data.messages import Message, RadarScan
-from fbench.replay.logs.codecs import points
+from fbench.replay.logs.codecs import packed_points
 from fbench.replay.logs.codecs.codec import Origin, Probe
-from fbench.replay.logs.codecs.points import PointField
+from fbench.replay.logs.codecs.packed_points import PointField
 from fbench.replay.logs.codecs.ros.cursor import Cursor, Header
 from fbench.replay.logs.codecs.ros.decoder import get, header
 
@@ -32,7 +32,7 @@ class Cloud:
     data: memoryview  # View of the payload
     is_dense: bool  # Whether all points are valid; else those that aren't have NaN for coordinates
 
-    def columns(self) -> points.Columns:
+    def columns(self) -> packed_points.Columns:
         """The points, row by row for organized clouds. Raises PointsError where sizes don't fit together. Some drivers
         give a wrong `row_step`; without padding the data alone say it.
         """
@@ -45,7 +45,7 @@ class Cloud:
                 )
             row = self.row_step
         shape, order = (self.height, self.width), ">" if self.is_bigendian else "<"
-        return points.Columns(self.fields, _TYPES, self.data, shape, (row, self.point_step), order)
+        return packed_points.Columns(self.fields, _TYPES, self.data, shape, (row, self.point_step), order)
 
 
 def read_cloud(data: memoryview, encoding: str) -> Cloud:
@@ -66,7 +66,7 @@ def read_cloud(data: memoryview, encoding: str) -> Cloud:
 
 def probe_cloud(cloud: Cloud, encoding: str) -> Probe:
     """Tell radar scans, whose points have Doppler, from LiDAR sweeps."""
-    kind = "radar" if points.is_radar(field.name for field in cloud.fields) else "lidar"
+    kind = "radar" if packed_points.is_radar(field.name for field in cloud.fields) else "lidar"
     return Probe(kind, cloud.header.frame_id)
 
 
@@ -74,10 +74,10 @@ def cloud_message(kind: str, cloud: Cloud, encoding: str, origin: Origin) -> Mes
     """Make a sweep or scan without points declared invalid. Raises PointsError where sizes or fields don't fit."""
     columns, stamp_ns = cloud.columns(), cloud.header.stamp_ns
     if kind == "radar":
-        scan = points.radar_scan(columns, stamp_ns, origin)
-        return scan if cloud.is_dense else points.only_finite(scan)
-    sweep = points.lidar_sweep(columns, stamp_ns, origin)
-    return sweep if cloud.is_dense else points.only_finite(sweep)
+        scan = packed_points.radar_scan(columns, stamp_ns, origin)
+        return scan if cloud.is_dense else packed_points.only_finite(scan)
+    sweep = packed_points.lidar_sweep(columns, stamp_ns, origin)
+    return sweep if cloud.is_dense else packed_points.only_finite(sweep)
 
 
 _RETURN = ("range", "azimuth", "elevation", "doppler_velocity", "amplitude")

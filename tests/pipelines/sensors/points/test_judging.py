@@ -5,7 +5,7 @@ import pytest
 from tests.pipelines.frames import cloud, fields, frame, rig
 from tests.pipelines.scenes import road
 
-from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarView, detect, obstacles, resolve_judge
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarView, detect, obstacles, resolve_judge
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.metadata import SIMULATED

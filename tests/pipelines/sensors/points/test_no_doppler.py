@@ -9,10 +9,10 @@ from tests.pipelines.scenes import echoes, radial, surroundings
 
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import SensorViews, fuse
-from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.lidar.stage import LidarView
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.pipelines.sensors.radar.doppler import UnmeasuredParams, strong
-from fbench.pipelines.sensors.radar.radar import RadarParams, RadarView, compensate, detect
+from fbench.pipelines.sensors.radar.stage import RadarParams, RadarView, compensate, detect
 from fbench.pipelines.variants.early_late import Late3D
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.replay.contracts.errors import ConfigError

@@ -6,7 +6,7 @@ from tests.pipelines.scenes import echoes, radial, surroundings
 
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.pipelines.sensors.radar.doppler import wrap_velocity
-from fbench.pipelines.sensors.radar.radar import RadarParams, compensate, detect, resolve_scoring
+from fbench.pipelines.sensors.radar.stage import RadarParams, compensate, detect, resolve_scoring
 from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo
 
