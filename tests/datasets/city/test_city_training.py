@@ -34,3 +34,14 @@ def test_logs_are_named_by_what_they_show():
     assert specs["highway-traffic-311"].condition == CONDITIONS["traffic"]
     assert specs["highway-traffic+fog-312"].condition.weather == CONDITIONS["fog"].weather
     assert set(specs["urban-fog-302"].rig.names) == {"front", "rear", "left", "right"}
+
+
+def test_four_cameras_look_ahead_back_and_to_the_sides():
+    for _, spec in training_logs():
+        cameras = {name: (c.translation_m, c.yaw_pitch_roll_deg) for name, c in spec.rig.cameras.items()}
+        assert cameras == {
+            "front": ((2.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
+            "rear": ((-2.0, 0.0, 1.2), (180.0, 0.0, 0.0)),
+            "left": ((0.5, 0.8, 1.4), (60.0, 0.0, 0.0)),
+            "right": ((0.5, -0.8, 1.6), (-60.0, 0.0, 0.0)),
+        }

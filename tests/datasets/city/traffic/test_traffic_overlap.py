@@ -5,7 +5,7 @@ import pytest
 
 from fbench.datasets.city.traffic.network import MOVER
 from fbench.datasets.city.traffic.occupancy_kernel import near_pairs
-from fbench.datasets.city.traffic.path_kernel import MARGIN_M, stop_before_touching
+from fbench.datasets.city.traffic.path_kernel import MARGIN_M, overlaps, stop_before_touching
 
 SIZE = (4.0, 2.0)
 
@@ -88,3 +88,12 @@ def test_near_pairs_hold_all_that_touch_even_in_a_crowd() -> None:
                 assert apart > half[i] + half[j] + 2 * MARGIN_M or {i, j} in found
         assert len(found) == len(near_pairs(now, then, sizes, MARGIN_M))
         assert wide_m < 200 or len(found) < num * (num - 1) / 8
+
+
+@pytest.mark.parametrize(("ahead_m", "is_near"), [(11.9, True), (12.04, True), (12.06, False)])
+def test_long_vehicles_touch_end_to_end(ahead_m: float, is_near: bool) -> None:
+    """Their centers are farther apart than their width and one length would allow."""
+    first, second = poses((0, 0, 0), (ahead_m, 0, 0))
+    size = np.array([12.0, 2.5])
+    assert overlaps(first, second, size, size, 0.05) is is_near
+    assert overlaps(second, first, size, size, 0.05) is is_near
