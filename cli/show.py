@@ -1,6 +1,8 @@
 """Tables and progress on the terminal, JSON for machines, and faults as text."""
 
 import json
+import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -11,6 +13,7 @@ from rich import progress as bars
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+from typer import Exit
 
 from fbench.replay.data.scores import Results, Score, format_number
 from fbench.replay.runs.secrets import without_secrets
@@ -25,6 +28,11 @@ class _Console(Console):
     def render_str(self, text: str, **how: Any) -> Text:
         """Return a text as it is printed."""
         return super().render_str("\n".join(map(printable, text.split("\n"))), **how)
+
+    def on_broken_pipe(self) -> None:
+        """End the command; rich and typer would with exit code 1, which means no."""
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for what is still buffered
+        raise Exit(128 + signal.SIGPIPE)
 
 
 def printable(text: str) -> str:
@@ -55,7 +63,10 @@ def make_table(*columns: str, right: Collection[str] = ()) -> Table:
 
 def print_json(content: object) -> None:
     """Print a value as JSON; numbers that JSON doesn't have are an error of ours."""
-    print(json.dumps(content, indent=1, allow_nan=False))  # noqa: T201
+    try:
+        print(json.dumps(content, indent=1, allow_nan=False), flush=True)  # noqa: T201
+    except BrokenPipeError:
+        console().on_broken_pipe()
 
 
 def show_traceback(error: BaseException) -> None:
