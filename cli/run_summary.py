@@ -9,6 +9,7 @@ import numpy as np
 
 from fbench.cli.show import console, fault_lines, latency_table, print_json, say, score_notes, score_table
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
+from fbench.replay.contracts.faults import UNVERIFIED
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import coverage_of, predictions_of
 
@@ -63,6 +64,8 @@ def _status(run: Run) -> list[str]:
         if num and sensor in manifest.mounts:  # poses between frames are used, to find those at the frames' instants
             lines.append(f"unused: {_count(num, 'message')} of {sensor}, which frames don't need")
     lines += fault_lines(counts["rows"])
+    if any(row["code"] == UNVERIFIED and row["count"] for row in counts["rows"]):
+        lines.append("integrity: unknown, as the log has no checksums; fbench log convert writes one with them")
     if not manifest.complete:
         lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")
     report, host = run.folder / "report.html", run.json("host.json")

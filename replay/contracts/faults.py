@@ -22,6 +22,7 @@ class FaultKind:
     text: str
 
 
+UNVERIFIED = "LOG006"  # Flipped bits would go unnoticed
 FAULTS: dict[str, FaultKind] = {
     "LOG001": FaultKind("fatal", "not a log"),
     "LOG002": FaultKind("count", "log is truncated"),

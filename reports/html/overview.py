@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fbench.replay.contracts.faults import FAULTS
+from fbench.replay.contracts.faults import FAULTS, UNVERIFIED
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import Manifest
@@ -191,6 +191,9 @@ def _notices_of(o: Overview) -> Iterator[Notice]:
         yield Notice("bad", f"Data was lost: {faults}." if o.faults else "Data was lost.", text, losses)
     elif lost:
         yield Notice("warn", f"Data was lost, and tolerated: {faults}.", "The run was allowed to go on.", losses)
+    if o.faults and any(row.code == UNVERIFIED and row.count for row in o.faults.rows):
+        text = "Flipped bits would go unnoticed. fbench log convert writes a log with checksums."
+        yield Notice("info", "The log has no checksums.", text)
     if o.failed:
         head = f"The pipeline failed on {o.failed} of {num_frames} frames."
         yield Notice("warn", head, "Truth in these frames counts as missed.")

@@ -103,6 +103,12 @@ def test_incomplete_run_shows_what_was_lost(make_run: MakeRun, report: Write) ->
     assert "1 × LOG004 damaged chunk skipped · first at chunk at byte 4096" in page.text
 
 
+def test_a_log_without_checksums_is_said(make_run: MakeRun, report: Write) -> None:
+    text = report(make_run(Plan(faults={"LOG006": "drive.bag: ROS 1 bags have no checksums"}))).text
+    assert "The log has no checksums. Flipped bits would go unnoticed. fbench log convert writes" in text
+    assert "The log has no checksums" not in report(make_run(Plan(name="sealed"))).text
+
+
 def test_tolerated_loss_is_said(make_run: MakeRun, report: Write) -> None:
     text = report(make_run(Plan(faults={"DEC001": "/lidar stamp 7"}))).text
     assert "Data was lost, and tolerated: 1 fault." in text

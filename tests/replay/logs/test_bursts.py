@@ -130,4 +130,5 @@ def test_the_slowest_sensor_is_that_with_the_fewest_measurements(tmp_path, monke
     result = fbench("replay", "drive.bag", "-p", "radar3d", "-o", "run", "--tolerance-ms", "20")
     manifest = json.loads(Path("run/manifest.json").read_text())
     assert result == 0
+    assert "integrity: unknown, as the log has no checksums; fbench log convert writes one" in capfd.readouterr().out
     assert (manifest["frames"]["reference"], manifest["num_frames"]) == ("radar", 20)
