@@ -114,7 +114,11 @@ class Count:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "config"), [("drive.bag", BODY), ("drive.mcap", BODY), ("drive.parquet", "")])
-def test_logs_of_other_programs_are_identical_in_every_container(fbench, tmp_path, name, config):
+def test_logs_of_other_programs_are_identical_in_other_containers(fbench, tmp_path, monkeypatch, name, config):
+    def containers(*how):
+        return tuple(one for one in variants(*how) if one.name in ("MCAP unchunked", "Parquet"))
+
+    monkeypatch.setattr("fbench.replay.check.verify.variants", containers)
     if name == "drive.bag":  # without stamps, which is a fault
         clouds = [("/lidar", cloud("lidar", stamp=(0, 0))) for _ in range(5)]
         write_bag(tmp_path / name, [("/tf", transform(TYPES[1], "lidar", 1.0)), *clouds])
