@@ -117,7 +117,7 @@ def test_no_flipped_bit_is_silent(tmp_path, drive, how, compression):
         except FbenchError:
             continue
         if found != whole:
-            assert faults.num_lost > clean.lost, f"bit {bit}"
+            assert faults.num_lost > clean.num_lost, f"bit {bit}"
 
 
 def test_damaged_chunk_is_skipped_and_counted_once(tmp_path, drive):
