@@ -61,19 +61,19 @@ def test_object_labels_come_out_byte_for_byte(tmp_path):
 
 
 @pytest.mark.slow
-def test_all_real_tracking_labels_come_out_byte_for_byte(shared, tmp_path):
+def test_real_tracking_labels_come_out_byte_for_byte(shared, tmp_path):
     from fbench.datasets.importing.run import import_recordings
     from fbench.datasets.kitti import Kitti
     from fbench.replay.contracts.importing import ImportWish
     from fbench.replay.logs.convert.target import Target
 
     source = shared / "data" / "kitti_tracking"
-    names = tuple(Kitti().names(source))
+    names = tuple(Kitti().names(source))[::3]
     targets = {name: Target(tmp_path / f"{name}.mcap") for name in names}
     logs = [log.path for log in import_recordings(Kitti(), source, ImportWish(names), targets)]
     exported("kitti-tracking", tmp_path / "out", *logs)
-    labels = sorted((source / "label_02").glob("*.txt"))
-    assert len(labels) == 21
+    labels = sorted((source / "label_02").glob("*.txt"))[::3]
+    assert len(labels) == 7
     assert [file.name for file in labels if (tmp_path / "out" / file.name).read_bytes() != file.read_bytes()] == []
 
 

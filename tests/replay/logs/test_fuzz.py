@@ -82,7 +82,7 @@ def test_bits_of_what_has_no_checksum_of_its_own(log, tmp_path):
 def test_many_bits(log, tmp_path):
     data = log[0].read_bytes()
     rng = np.random.Generator(np.random.Philox(13))
-    flip(data, rng.integers(0, 8 * len(data), 1500).tolist(), tmp_path / log[0].name, log[1])
+    flip(data, rng.integers(0, 8 * len(data), 600).tolist(), tmp_path / log[0].name, log[1])
 
 
 def ends_of(data):

@@ -96,8 +96,8 @@ def test_the_check_of_a_crowd_finds_what_a_look_at_each_pair_finds() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("world", "density", "seed", "seconds"), [
-    ("urban", "normal", 11, 3000), ("urban", "dense", 12, 2000), ("urban", "normal", 13, 1500),
-    ("highway", "normal", 14, 2000), ("highway", "dense", 15, 1500),
+    ("urban", "normal", 11, 1500), ("urban", "dense", 12, 1000), ("urban", "normal", 13, 800),
+    ("highway", "normal", 14, 1000), ("highway", "dense", 15, 800),
 ])  # fmt: skip
 def test_nobody_touches_anybody_in_hours(
     world: WorldName, density: Literal["normal", "dense"], seed: int, seconds: int

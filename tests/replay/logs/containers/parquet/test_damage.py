@@ -68,7 +68,7 @@ def test_bit_flips(log):
 @pytest.mark.slow
 def test_many_bit_flips(log):
     path, expected = log
-    for _ in flips(path, 1200, 2):
+    for _ in flips(path, 500, 2):
         check(path, expected)
 
 
