@@ -235,9 +235,7 @@ def test_many_bit_flips_of_unverified_files_raise_nothing_else(tmp_path):
     rng = np.random.Generator(np.random.Philox(5))
     for file in (path / "0.parquet", path / "1.parquet"):
         content = file.read_bytes()
-        for at, bit in zip(
-            rng.integers(0, len(content), 500).tolist(), rng.integers(0, 8, 500).tolist(), strict=True
-        ):
+        for at, bit in zip(rng.integers(0, len(content), 500).tolist(), rng.integers(0, 8, 500).tolist(), strict=True):
             file.write_bytes(content[:at] + bytes([content[at] ^ 1 << bit]) + content[at + 1 :])
             assert "\n" not in str(logs.refusal(lambda: all_of(path)))
         file.write_bytes(content)

@@ -1,0 +1,45 @@
+"""Which radar echoes join the points of LiDAR and stereo."""
+
+import numpy as np
+
+from fbench.pipelines.fusion.early.cloud import DepthView, EchoParams, merge_clouds
+from fbench.pipelines.sensors.lidar.stage import Obstacles
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.radar.stage import Compensated
+from fbench.replay.data.boxes import Source
+
+NONE = Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
+NAN = float("nan")
+
+
+def echoes(rates, heights=None, strong=False) -> Compensated:
+    num = len(rates)
+    xyz = np.column_stack([np.full(num, 10.0), np.arange(num), np.ones(num) if heights is None else heights])
+    zero = np.zeros(num)
+    return Compensated(xyz, xyz, np.array(rates, float), zero, np.full(num, strong), zero)
+
+
+def lidar(*heights: float) -> Obstacles:
+    xyz = np.column_stack([np.full(len(heights), 5.0), np.zeros(len(heights)), np.array(heights)])
+    return Obstacles(Plane(0.0, 0.0, 0.0), xyz, xyz[:, 2], np.zeros((0, 3)))
+
+
+def test_an_echo_of_the_least_speed_moves():
+    cloud = merge_clouds(DepthView(NONE, NONE, None), echoes([0.3, -0.3, 0.29, 0.0, NAN]), 0.3, EchoParams())
+    assert cloud.is_moving.tolist() == [True, True, False, False]  # of unknown velocity only strong ones are used
+    assert cloud.source.tolist() == [int(Source.R)] * 4
+
+
+def test_strong_echoes_of_unknown_velocity_stand():
+    cloud = merge_clouds(DepthView(NONE, NONE, None), echoes([NAN], strong=True), 0.3, EchoParams())
+    assert cloud.is_moving.tolist() == [False]
+
+
+def test_standing_echoes_are_as_high_as_objects_and_moving_ones_anywhere():
+    view = DepthView(lidar(1.0, 1.5), NONE, Plane(0.0, 0.0, 0.0))
+    heights = [0.2, 0.3, 0.31, 3.49, 3.5, 9.0]
+    stands = merge_clouds(view, echoes([0.0] * 6, heights), 0.3, EchoParams())
+    assert stands.height_m.tolist() == [1.0, 1.5, 0.31, 3.49]
+    assert stands.source.tolist() == [int(Source.L)] * 2 + [int(Source.R)] * 2
+    moves = merge_clouds(view, echoes([5.0] * 6, heights), 0.3, EchoParams())
+    assert moves.height_m.tolist() == [1.0, 1.5, *heights]
