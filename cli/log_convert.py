@@ -52,7 +52,7 @@ def convert(
     """Write a log in another form, without loss; cut it by time, keep some topics, or split it."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.engine.excerpt import make_excerpt
-    from fbench.replay.logs.convert.run import Wish
+    from fbench.replay.logs.convert.run import ConvertRequest
     from fbench.replay.logs.convert.run import convert as convert_container
     from fbench.replay.logs.convert.target import Target, make_split
     from fbench.replay.logs.open import open_container
@@ -65,13 +65,13 @@ def convert(
             "--config and --rig change what is decoded: give --decode too, or leave them to `fbench replay`"
         )
     setup = log_source(LogRequest(source, config, rig or [])).setup if decode else Setup()
-    wish = Wish(tuple(topics or ()), make_excerpt(from_, to, None), decode, setup)
+    request = ConvertRequest(tuple(topics or ()), make_excerpt(from_, to, None), decode, setup)
     faults = FaultLog()
     with explain_losses(faults):
         container = open_container(source, faults)
         total = sum(container.counts.values())
         with message_progress(f"{source.name} → {target.path.name}", total) as progress:
-            result = convert_container(container, target, wish, progress)
+            result = convert_container(container, target, request, progress)
     rows = [row for row in faults.rows() if row["code"] != _NO_USE]
     code = EXIT_LOSSY if faults.num_lost else EXIT_OK
     if json:

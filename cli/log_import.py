@@ -48,7 +48,7 @@ def import_(
     from fbench.cli.import_lines import log_line
     from fbench.datasets.importing.guard import GuardedImporter
     from fbench.datasets.importing.run import import_recordings
-    from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, choose_names
+    from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest, choose_names
     from fbench.replay.contracts.plugins import default_params, load, make_importer
     from fbench.replay.engine.excerpt import make_excerpt
 
@@ -68,8 +68,8 @@ def import_(
     targets = _choose_targets(out, form, overwrite, known, names)
     logs: list[ImportedLog] = []
     with import_progress(len(names)) as progress:
-        wish = ImportWish(names, FrameRange(excerpt.first, excerpt.stop), bad)
-        for log in import_recordings(importer, source, wish, targets, progress):
+        request = ImportRequest(names, FrameRange(excerpt.first, excerpt.stop), bad)
+        for log in import_recordings(importer, source, request, targets, progress):
             logs.append(log)
             with progress.finish(0 if log.written is None else log.written.num_messages):
                 if len(names) > 1 and not json:

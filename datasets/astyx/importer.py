@@ -18,7 +18,7 @@ from pydantic import BaseModel, Field, FiniteFloat
 
 from fbench.datasets.importing import files as importing
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import ImportWish, file_facts, log_id, read_bytes, require_folder
+from fbench.replay.contracts.importing import ImportRequest, file_facts, log_id, read_bytes, require_folder
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth
@@ -92,10 +92,10 @@ class Astyx:
         require_folder(source)
         return [source.resolve().name]
 
-    def recordings(self, source: Path, wish: ImportWish) -> Iterator["AstyxRecording"]:
+    def recordings(self, source: Path, request: ImportRequest) -> Iterator["AstyxRecording"]:
         """Open the folder; see `Importer`."""
-        for name in wish.names:
-            yield AstyxRecording(name, source, wish)
+        for name in request.names:
+            yield AstyxRecording(name, source, request)
 
 
 class AstyxRecording:
@@ -105,8 +105,8 @@ class AstyxRecording:
     counts within the hour; where it runs backwards from one frame to the next, whole hours are added.
     """
 
-    def __init__(self, name: str, source: Path, wish: ImportWish) -> None:
-        self.name, self._source, self._wish = name, source, wish
+    def __init__(self, name: str, source: Path, request: ImportRequest) -> None:
+        self.name, self._source, self._request = name, source, request
         self._frames: list[tuple[int, int]] = []  # Number and stamp [ns] of each
         self._timeless: list[int] = []
         self._turns: list[int] = []  # Frames before which the clock ran backwards
@@ -120,7 +120,7 @@ class AstyxRecording:
         for folder in (LIDAR, CALIBRATION):
             if not (self._source / folder).is_dir():
                 raise LogError(f"{self._source}: not an Astyx folder, no {folder}/")
-        find = partial(importing.find_numbered, digits=6, frames=self._wish.frames)
+        find = partial(importing.find_numbered, digits=6, frames=self._request.frames)
         files = {folder: find(self._source / folder, (suffix,)) for folder, suffix in _SUFFIXES.items()}
         for folder in (LIDAR, CALIBRATION):
             if not files[folder]:
@@ -170,7 +170,7 @@ class AstyxRecording:
             "radar.velocity_period_mps": str(VELOCITY_PERIOD_MPS),
             "radar.rcs_dbsm": "uncalibrated magnitude [dB]",
         }
-        return LogInfo(self.name, log_id("astyx", facts, self._wish.frames), metadata)
+        return LogInfo(self.name, log_id("astyx", facts, self._request.frames), metadata)
 
     @property
     def num_items(self) -> int:
@@ -179,7 +179,7 @@ class AstyxRecording:
 
     def items(self) -> Iterator[Message | Truth]:
         """All frames that have a LiDAR point."""
-        files, bad = self._files, self._wish.bad
+        files, bad = self._files, self._request.bad
         for number in sorted({number for paths in files.values() for number in paths}):
             try:
                 sweep = _read_sweep(files[LIDAR][number]) if number in files[LIDAR] else None

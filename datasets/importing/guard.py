@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from fbench.replay.contracts.errors import RunError
-from fbench.replay.contracts.importing import Imported, ImportWish
+from fbench.replay.contracts.importing import Imported, ImportRequest
 from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.files import file_name, with_digest
@@ -33,11 +33,11 @@ class GuardedImporter:
             raise RunError(f"{what}: '{twice[0]}' is there twice")
         return names
 
-    def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
+    def recordings(self, source: Path, request: ImportRequest) -> Iterator[Recording]:
         """Open the sequences. Raises RunError where it fails."""
         what = f"dataset '{self._dataset}' can't open a sequence in {source}"
         with guard(what):
-            recordings = iter(self._importer.recordings(source, wish))
+            recordings = iter(self._importer.recordings(source, request))
         for recording in _steps(what, recordings):
             with guard(what):
                 name = recording.name

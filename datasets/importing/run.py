@@ -12,7 +12,7 @@ from typing import Literal, TypeVar
 
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import ImportWish, OtherResult, check_items
+from fbench.replay.contracts.importing import ImportRequest, OtherResult, check_items
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.arrays import own_arrays
 from fbench.replay.data.files import Draft, make_folder
@@ -108,45 +108,47 @@ class ImportedLog:
 def import_recordings(
     importer: Importer,
     source: Path,
-    wish: ImportWish,
+    request: ImportRequest,
     targets: Mapping[str, Target],
     progress: Progress = lambda name, done, total: None,
 ) -> Iterator[ImportedLog]:
-    """Import the sequences of a wish one after the other, each into the target of its name.
+    """Import the sequences of a request one after the other, each into the target of its name.
 
     A log that an equal import wrote before is left as it is, so that one that was interrupted goes on. Imports that run
     at the same time wait for each other where they write the same log. Raises ConfigError where a log can't or mustn't
     be written. Raises LogError naming the file that can't be used; the logs before it are whole.
     """
-    to_come = dict.fromkeys(wish.names)
+    to_come = dict.fromkeys(request.names)
     num_before = 0
-    with closing(_open_recordings(importer, source, wish)) as recordings:
+    with closing(_open_recordings(importer, source, request)) as recordings:
         for recording in recordings:
             if recording.name not in to_come:
                 raise LogError(f"{source}: the importer gives '{recording.name}', which isn't wanted (any more)")
             del to_come[recording.name]
             target = targets[recording.name]
             try:
-                log = write_recording(recording, target, progress, wish.bad.skip)
+                log = write_recording(recording, target, progress, request.bad.skip)
             except LogError as error:
-                wish.bad.report(error)
+                request.bad.report(error)
                 log = ImportedLog(recording.name, target.path, "failed")
-            yield replace(log, num_skipped=wish.bad.num - num_before)
-            num_before = wish.bad.num
+            yield replace(log, num_skipped=request.bad.num - num_before)
+            num_before = request.bad.num
     for name in to_come:
-        if not wish.bad.num:
+        if not request.bad.num:
             raise LogError(f"{source}: the importer left out '{name}'")
         yield ImportedLog(name, targets[name].path, "failed")
 
 
-def import_one(importer: Importer, source: Path, out: Path, wish: ImportWish | None = None) -> ImportedLog:
-    """Import a sequence, the only one unless a wish names it, into the log `out`, which is replaced. Raises ConfigError
-    where there are several, or the log can't be written. Raises LogError naming the file that can't be used.
+def import_one(importer: Importer, source: Path, out: Path, request: ImportRequest | None = None) -> ImportedLog:
+    """Import a sequence, the only one unless a request names it, into the log `out`, which is replaced.
+
+    Raises ConfigError where there are several, or the log can't be written. Raises LogError naming the file that can't
+    be used.
     """
-    wish = wish or ImportWish(tuple(importer.names(source)))
-    if len(wish.names) != 1:
-        raise ConfigError(f"{source}: expected one sequence, there are {len(wish.names)}")
-    return next(import_recordings(importer, source, wish, {wish.names[0]: Target(out, overwrite=True)}))
+    request = request or ImportRequest(tuple(importer.names(source)))
+    if len(request.names) != 1:
+        raise ConfigError(f"{source}: expected one sequence, there are {len(request.names)}")
+    return next(import_recordings(importer, source, request, {request.names[0]: Target(out, overwrite=True)}))
 
 
 def write_recording(recording: Recording, target: Target, progress: Progress, skips: bool = False) -> ImportedLog:
@@ -168,11 +170,11 @@ def write_recording(recording: Recording, target: Target, progress: Progress, sk
         return ImportedLog(name, target.path, "written", written, recording.summary())
 
 
-def _open_recordings(importer: Importer, source: Path, wish: ImportWish) -> Generator[Recording]:
+def _open_recordings(importer: Importer, source: Path, request: ImportRequest) -> Generator[Recording]:
     try:
-        yield from importer.recordings(source, wish)
+        yield from importer.recordings(source, request)
     except LogError as error:
-        wish.bad.report(error)
+        request.bad.report(error)
 
 
 def _is_there(path: Path, info: LogInfo) -> bool:

@@ -11,7 +11,7 @@ from fbench.datasets.kitti.frames import ObjectFrames, TrackingFrames
 from fbench.datasets.kitti.labels import CLASSES, boxes_3d
 from fbench.datasets.kitti.sensors import LIDAR
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import Imported, ImportWish, OtherResult, log_id
+from fbench.replay.contracts.importing import Imported, ImportRequest, OtherResult, log_id
 from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
@@ -36,8 +36,8 @@ FACTS = {
 class BenchmarkRecording:
     """See `Recording`. The made-up stamp of all items of frame N is N + 1 periods, as 0 is taken for one not set."""
 
-    def __init__(self, frames: TrackingFrames | ObjectFrames, wish: ImportWish) -> None:
-        self.name, self._frames, self._wish = frames.name, frames, wish
+    def __init__(self, frames: TrackingFrames | ObjectFrames, request: ImportRequest) -> None:
+        self.name, self._frames, self._request = frames.name, frames, request
         self._classes: Counter[str] = Counter()  # Of labels, as they were read
         self._tracks: set[int] = set()
         self._num_unlabeled = self._num_empty = self._num_with_results = 0  # Frames
@@ -63,7 +63,7 @@ class BenchmarkRecording:
         }  # fmt: skip
         if frames.files:  # the sensor with the most frames, the first of several
             metadata["reference"] = max(frames.files, key=lambda sensor: len(frames.files[sensor]))
-        return LogInfo(self.name, log_id("kitti", facts, self._wish.frames), metadata)
+        return LogInfo(self.name, log_id("kitti", facts, self._request.frames), metadata)
 
     @property
     def num_items(self) -> int:
@@ -80,7 +80,7 @@ class BenchmarkRecording:
             try:
                 now = self._frames.rig_at(number, sizes_wh)
             except LogError as error:  # nothing of a frame can be used that can't be placed
-                self._wish.bad.report(error)
+                self._request.bad.report(error)
                 continue
             if changed := now.list_changes(rig):
                 yield RigChange(stamp_ns, now, changed)
@@ -98,7 +98,7 @@ class BenchmarkRecording:
                     continue
                 points = read_floats(path, 4)
             except LogError as error:
-                self._wish.bad.report(error)
+                self._request.bad.report(error)
                 continue
             xyz, intensity = np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(points[:, 3])
             yield PointCloud(sensor, stamp_ns, stamp_ns, xyz, intensity, frame_number=number)
@@ -110,7 +110,7 @@ class BenchmarkRecording:
         try:
             objects = self._frames.labels(number)
         except LogError as error:
-            self._wish.bad.report(error)
+            self._request.bad.report(error)
         self._num_unlabeled += objects is None
         self._num_empty += objects is not None and not objects
         self._classes.update(row.source_label for row in objects or ())
@@ -121,7 +121,7 @@ class BenchmarkRecording:
         try:
             boxes = None if self._frames.results is None else self._frames.results.boxes(number)
         except LogError as error:
-            self._wish.bad.report(error)
+            self._request.bad.report(error)
         if boxes is not None:
             self._num_with_results += 1
             for kind, own in zip(("3D", "2D"), boxes, strict=True):

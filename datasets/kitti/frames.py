@@ -15,7 +15,7 @@ from fbench.datasets.kitti.labels import CAMERA, OBJECT_DIGITS, TRACKING_DIGITS,
 from fbench.datasets.kitti.oxts import Fix, World, fix_of
 from fbench.datasets.kitti.sensors import IMAGES, LIDAR, POINTS, SENSORS, Calibration
 from fbench.replay.contracts.errors import LimitError, LogError
-from fbench.replay.contracts.importing import BadInput, ImportWish, file_facts
+from fbench.replay.contracts.importing import BadInput, ImportRequest, file_facts
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.metadata import GAPS, MEANT
@@ -45,8 +45,14 @@ class TrackingFrames:
     benchmark = "tracking"
     period_ns = 100_000_000  # KITTI's cameras and LiDAR run at 10 Hz; the benchmark comes without stamps
 
-    def __init__(self, name: str, folder: Path, sequence: str, wish: ImportWish, detections: Path | None) -> None:
-        self.name, self.folder, self._sequence, self._wish, self._detections = name, folder, sequence, wish, detections
+    def __init__(self, name: str, folder: Path, sequence: str, request: ImportRequest, detections: Path | None) -> None:
+        self.name, self.folder, self._sequence, self._request, self._detections = (
+            name,
+            folder,
+            sequence,
+            request,
+            detections,
+        )
         texts = (folder / kind / f"{sequence}.txt" for kind in (TRACKING_LABELS, "calib", "oxts"))
         self._label_path, self._calibration_path, self._poses_path = texts
 
@@ -54,7 +60,7 @@ class TrackingFrames:
     def files(self) -> Mapping[str, Mapping[int, Path]]:
         """Files of the chosen frames by sensor; sensors without any are absent."""
         return {
-            sensor: {number: path for number, path in paths.items() if number in self._wish.frames}
+            sensor: {number: path for number, path in paths.items() if number in self._request.frames}
             for sensor, paths in self._all_files.items()
         }
 
@@ -75,7 +81,7 @@ class TrackingFrames:
         if num > labels.MAX_FRAMES:
             limit = f"more than {labels.MAX_FRAMES}"
             raise LimitError(f"{self.folder}: sequence {self._sequence} has {num} frames, {limit}")
-        return [number for number in range(num) if number in self._wish.frames]
+        return [number for number in range(num) if number in self._request.frames]
 
     @cached_property
     def _num_frames(self) -> int:
@@ -98,10 +104,10 @@ class TrackingFrames:
 
     @cached_property
     def _rows(self) -> SequenceRows | None:
-        path, wish = self._label_path, self._wish
+        path, request = self._label_path, self._request
         if not os.path.lexists(path):
             return None
-        return labels.sequence_rows(path, labels.tracking_label, wish.frames, wish.bad)
+        return labels.sequence_rows(path, labels.tracking_label, request.frames, request.bad)
 
     @cached_property
     def _fixes(self) -> Mapping[int, Fix]:
@@ -111,7 +117,7 @@ class TrackingFrames:
             try:
                 found[line.number - 1] = fix_of(" ".join(line.fields), line.where)
             except LogError as error:
-                self._wish.bad.report(error)
+                self._request.bad.report(error)
         return found
 
     @cached_property
@@ -125,10 +131,10 @@ class TrackingFrames:
         """Another system's results; rows behind the last frame are those of another sequence."""
         if self._detections is None:
             return None
-        found = labels.sequence_results(self._detections, self._sequence, self._wish.frames, self._wish.bad)
+        found = labels.sequence_results(self._detections, self._sequence, self._request.frames, self._request.bad)
         if found is not None and found.num_frames > self._num_frames:
             there = f"sequence {self._sequence} has {self._num_frames} frames; are the results of another one?"
-            self._wish.bad.report(LogError(f"{found.files[0]}: has frame {found.num_frames - 1}, but {there}"))
+            self._request.bad.report(LogError(f"{found.files[0]}: has frame {found.num_frames - 1}, but {there}"))
         return found
 
     @cached_property
@@ -228,28 +234,28 @@ class ObjectFrames:
     benchmark = "object"
     period_ns = 10_000_000_000  # So far apart that each frame is a segment of its own
 
-    def __init__(self, name: str, folder: Path, wish: ImportWish, detections: Path | None) -> None:
-        self.name, self.folder, self._wish, self._detections = name, folder, wish, detections
+    def __init__(self, name: str, folder: Path, request: ImportRequest, detections: Path | None) -> None:
+        self.name, self.folder, self._request, self._detections = name, folder, request, detections
 
     @cached_property
     def files(self) -> Mapping[str, Mapping[int, Path]]:
         """Files of the chosen frames by sensor; sensors without any are absent."""
         found = {
-            sensor: find_numbered(self.folder / inner, suffixes, OBJECT_DIGITS, self._wish.frames)
+            sensor: find_numbered(self.folder / inner, suffixes, OBJECT_DIGITS, self._request.frames)
             for inner, (sensor, suffixes) in _FOLDERS.items()
         }
         return {sensor: paths for sensor, paths in found.items() if paths}
 
     @cached_property
     def _label_files(self) -> Mapping[int, Path]:
-        return find_numbered(self.folder / OBJECT_LABELS, (".txt",), OBJECT_DIGITS, self._wish.frames)
+        return find_numbered(self.folder / OBJECT_LABELS, (".txt",), OBJECT_DIGITS, self._request.frames)
 
     @cached_property
     def numbers(self) -> Sequence[int]:
         """Those of all files, calibration and results apart."""
         found = sorted(set(self._label_files).union(*self.files.values()))
         if not found:
-            raise LogError(f"{self.folder}: no frame from {self._wish.frames}")
+            raise LogError(f"{self.folder}: no frame from {self._request.frames}")
         return found
 
     @cached_property
@@ -257,11 +263,11 @@ class ObjectFrames:
         """Another system's results."""
         if self._detections is None:
             return None
-        files = find_numbered(self._detections, (".txt",), OBJECT_DIGITS, self._wish.frames)
-        found = labels.frame_results(files, self._wish.bad)
+        files = find_numbered(self._detections, (".txt",), OBJECT_DIGITS, self._request.frames)
+        found = labels.frame_results(files, self._request.bad)
         for number in sorted(set(files).difference(self.numbers)):
             where = f"{self._detections / f'{number:06d}.txt'}: no such frame in {self.folder}"
-            self._wish.bad.report(LogError(f"{where}; are the results of another set?"))
+            self._request.bad.report(LogError(f"{where}; are the results of another set?"))
         return found
 
     @cached_property
@@ -271,7 +277,7 @@ class ObjectFrames:
             try:
                 return self._rig_by_headers(number)
             except LogError:
-                if not self._wish.bad.skip:  # else it is met, and counted, with the frame
+                if not self._request.bad.skip:  # else it is met, and counted, with the frame
                     raise
         return self._rig_by_headers(self.numbers[-1])
 
@@ -313,7 +319,7 @@ class ObjectFrames:
     def labels(self, number: int) -> Sequence[LabeledObject] | None:
         """Labeled objects of a frame; `None` without a file, which may be empty."""
         path = self._label_files.get(number)
-        return None if path is None else labels.frame_rows(path, labels.object_label, self._wish.bad)
+        return None if path is None else labels.frame_rows(path, labels.object_label, self._request.bad)
 
     def pose(self, number: int, stamp_ns: int) -> Pose | None:
         """The body's pose at a frame: never known."""

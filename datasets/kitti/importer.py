@@ -14,11 +14,11 @@ from fbench.datasets.kitti.frames import ObjectFrames, TrackingFrames, has_frame
 from fbench.datasets.kitti.labels import results_folder
 from fbench.datasets.kitti.sensors import KittiParams, split_folders
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import ImportWish, require_folder
+from fbench.replay.contracts.importing import ImportRequest, require_folder
 from fbench.replay.contracts.protocols import Recording
 
 _DEFAULTS = KittiParams()
-_Open = Callable[[ImportWish, Path | None], TrackingFrames | ObjectFrames]
+_Open = Callable[[ImportRequest, Path | None], TrackingFrames | ObjectFrames]
 
 
 class Kitti:
@@ -49,16 +49,16 @@ class Kitti:
             )
         return names
 
-    def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
+    def recordings(self, source: Path, request: ImportRequest) -> Iterator[Recording]:
         """See `Importer`; raises `ConfigError` where the folder of detections can't be one."""
         folder = self._params.detections
         detections = None if folder is None else results_folder(folder)
         benchmarks = _benchmarks(source)
-        for name in wish.names:
+        for name in request.names:
             if name in benchmarks:
-                yield BenchmarkRecording(benchmarks[name](wish, detections), wish)
+                yield BenchmarkRecording(benchmarks[name](request, detections), request)
             else:
-                yield raw.recording(name, source, wish, self._params)
+                yield raw.recording(name, source, request, self._params)
 
 
 def _benchmarks(source: Path) -> Mapping[str, _Open]:

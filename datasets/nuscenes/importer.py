@@ -21,7 +21,7 @@ from fbench.datasets.nuscenes.sensors import read_scan, rig_of
 from fbench.datasets.nuscenes.tables import TABLES, DataRow, PoseRow, open_folder
 from fbench.datasets.nuscenes.truth import LABELS, SceneTruth
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import ImportWish, describe_params, file_facts, log_id
+from fbench.replay.contracts.importing import ImportRequest, describe_params, file_facts, log_id
 from fbench.replay.data.messages import Message, PointCloud, Pose, Truth
 from fbench.replay.data.rig import KINDS, LogInfo, Rig
 from fbench.replay.geometry.transforms import pose_matrix
@@ -61,11 +61,11 @@ class NuScenes:
         """Names of the scenes, sorted; see `Importer`."""
         return tuple(read_scenes(open_folder(source, self._params.version)))
 
-    def recordings(self, source: Path, wish: ImportWish) -> Iterator["NuScenesRecording"]:
+    def recordings(self, source: Path, request: ImportRequest) -> Iterator["NuScenesRecording"]:
         """Open the scenes; the large tables are read once, when the first scene needs them; see `Importer`."""
-        with closing(NuScenesSet(open_folder(source, self._params.version), self._params.sweeps, wish)) as opened:
-            for name in wish.names:
-                yield NuScenesRecording(opened, opened.scene(name), self._params, wish)
+        with closing(NuScenesSet(open_folder(source, self._params.version), self._params.sweeps, request)) as opened:
+            for name in request.names:
+                yield NuScenesRecording(opened, opened.scene(name), self._params, request)
 
 
 class _Event(NamedTuple):
@@ -84,8 +84,14 @@ Keyframes = Mapping[tuple[int, str], tuple[DataRow, PoseRow | None]]  # By sampl
 class NuScenesRecording:
     """One scene; see `Recording`."""
 
-    def __init__(self, opened: NuScenesSet, scene: Scene, params: NuScenesParams, wish: ImportWish) -> None:
-        self._opened, self._scene, self._params, self._bad, self._frames = opened, scene, params, wish.bad, wish.frames
+    def __init__(self, opened: NuScenesSet, scene: Scene, params: NuScenesParams, request: ImportRequest) -> None:
+        self._opened, self._scene, self._params, self._bad, self._frames = (
+            opened,
+            scene,
+            params,
+            request.bad,
+            request.frames,
+        )
         self.name = scene.name
         self._num_keyframes: Counter[str] = Counter()  # By sensor
         self._num_sweeps: Counter[str] = Counter()

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from fbench.datasets.nuscenes import rows
 from fbench.datasets.nuscenes.tables import AnnotationRow, Database, DataRow, Folder, PoseRow, Tables
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest
 from fbench.replay.logs.containers.limits import crc32
 
 Place = tuple[int, int]  # Number of a scene, and of a sample within it
@@ -137,8 +137,8 @@ def _slot(token: str) -> int:
 class NuScenesSet:
     """The tables of one import, shared by its scenes. Raises LogError where `scene`, `sample` or `log` is wrong."""
 
-    def __init__(self, folder: Folder, sweeps: bool, wish: ImportWish) -> None:
-        self.folder, self._sweeps, self._wish = folder, sweeps, wish
+    def __init__(self, folder: Folder, sweeps: bool, request: ImportRequest) -> None:
+        self.folder, self._sweeps, self._request = folder, sweeps, request
         self._scenes = read_scenes(folder)
         self._links: dict[str, _Link] = {}
         for row in rows.parse_rows(rows.Sample, folder.table("sample")):
@@ -194,7 +194,7 @@ class NuScenesSet:
             there = f"links {len(chain)} of its {num} samples and ends with '{prev}'"
             expected = f"expected {scene.nbr_samples} that end with '{scene.last_sample_token}'"
             raise LogError(f"{path}: {scene.name} {there}, {expected}")
-        return Excerpt(tuple(chain), self._wish.frames, self._sweeps)
+        return Excerpt(tuple(chain), self._request.frames, self._sweeps)
 
     @cached_property
     def tables(self) -> Tables:
@@ -216,13 +216,13 @@ class NuScenesSet:
 
     def _fill(self) -> Database:
         excerpts: dict[int, Excerpt] = {}
-        for scene in map(self.scene, self._wish.names):
+        for scene in map(self.scene, self._request.names):
             with suppress(LogError):  # reported when it is this scene's turn
                 excerpts[self.number(scene)] = self.excerpt(scene)
         places: dict[str, Place | None] = dict.fromkeys(self._links)
         for number, excerpt in excerpts.items():
             places.update((instant.token, (number, sample)) for sample, instant in enumerate(excerpt.chain))
-        filling, database = _Filling(self.tables, places, excerpts, self._wish.bad), Database()
+        filling, database = _Filling(self.tables, places, excerpts, self._request.bad), Database()
         try:
             database.fill("data", filling.data(), self.folder.table("sample_data"))
             database.fill("pose", filling.poses(), self.folder.table("ego_pose"))

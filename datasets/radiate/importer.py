@@ -37,7 +37,7 @@ from fbench.datasets.radiate.files import (
 from fbench.datasets.radiate.labels import Annotations, Findings, inside_bev, read_annotations
 from fbench.datasets.radiate.radar import DEFAULTS, RADAR, RadiateParams, read_polar, scan_of
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import ImportWish, describe_params, file_facts, log_id, read_bytes, read_text
+from fbench.replay.contracts.importing import ImportRequest, describe_params, file_facts, log_id, read_bytes, read_text
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import LogInfo, Rig
@@ -176,11 +176,11 @@ class Radiate:
         """Names of the folders; see `Importer`."""
         return [path.resolve().name for path in sequences(source)]
 
-    def recordings(self, source: Path, wish: ImportWish) -> Iterator["RadiateRecording"]:
+    def recordings(self, source: Path, request: ImportRequest) -> Iterator["RadiateRecording"]:
         """Open the sequences; see `Importer`."""
         roots = {path.resolve().name: path for path in sequences(source)}
-        for name in wish.names:
-            yield RadiateRecording(name, roots[name], wish, self._params)
+        for name in request.names:
+            yield RadiateRecording(name, roots[name], request, self._params)
 
 
 class RadiateRecording:
@@ -191,13 +191,13 @@ class RadiateRecording:
     it, and LiDAR and camera show it with stamps some 0.3 s earlier. Body coordinates are those of the radar.
     """
 
-    def __init__(self, name: str, root: Path, wish: ImportWish, params: RadiateParams) -> None:
-        self.name, self._root, self._wish, self._params = name, root, wish, params
+    def __init__(self, name: str, root: Path, request: ImportRequest, params: RadiateParams) -> None:
+        self.name, self._root, self._request, self._params = name, root, request, params
         self._findings = Findings()
 
     @cached_property
     def _files(self) -> SequenceFiles:
-        return scan(self._root, self._wish.bad)
+        return scan(self._root, self._request.bad)
 
     @cached_property
     def _calibration(self) -> Calibration:
@@ -207,15 +207,15 @@ class RadiateRecording:
     def _annotations(self) -> Annotations | None:
         path = self._root / ANNOTATIONS
         try:
-            return read_annotations(path, self._wish.bad) if os.path.lexists(path) else None
+            return read_annotations(path, self._request.bad) if os.path.lexists(path) else None
         except LogError as error:
-            self._wish.bad.report(error)
+            self._request.bad.report(error)
             return None
 
     @cached_property
     def _dues(self) -> Sequence[Due]:
         offset_ns = int((Decimal(str(self._params.gps_offset_s)) * 1_000_000_000).to_integral_value())
-        return dues(self._files, self._wish.frames, offset_ns)
+        return dues(self._files, self._request.frames, offset_ns)
 
     @cached_property
     def rig(self) -> Rig:
@@ -238,7 +238,7 @@ class RadiateRecording:
         stamps = (f"{due.sensor} {due.number} {due.stamp_ns}" for due in self._dues)
         paths = [self._root / ANNOTATIONS, self._root / META, *(self._files.path(due) for due in self._dues)]
         facts = [self._calibration.model_dump_json(), *stamps, *file_facts(self._root, paths)]
-        return LogInfo(self.name, log_id("radiate", facts, self._wish.frames, self._params), metadata)
+        return LogInfo(self.name, log_id("radiate", facts, self._request.frames, self._params), metadata)
 
     @property
     def num_items(self) -> int:
@@ -268,7 +268,7 @@ class RadiateRecording:
                 return poses.pose(read_fix(path), due.stamp_ns)
             return read_image(path, due.sensor, due.stamp_ns, self.rig.cameras[due.sensor].size_wh)
         except LogError as error:
-            self._wish.bad.report(error)
+            self._request.bad.report(error)
             return None
 
     def _truth(self, due: Due, scan: RadarScan | None) -> Iterator[Truth]:

@@ -19,7 +19,7 @@ from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 from fbench.replay.logs.convert.copying import Copying
-from fbench.replay.logs.convert.run import Wish, convert
+from fbench.replay.logs.convert.run import ConvertRequest, convert
 from fbench.replay.logs.convert.sinks import McapSink
 from fbench.replay.logs.convert.source import Source
 from fbench.replay.logs.convert.target import Target
@@ -137,7 +137,7 @@ def convert_to(form: Form, container: Container, folder: Path) -> Path:
         "small chunks": Target(path, chunk_size=4096),
         "parquet": Target(path.with_name(f"{container.path.stem}.parquet")),
     }
-    return convert(container, targets[form], Wish()).path
+    return convert(container, targets[form], ConvertRequest()).path
 
 
 @dataclass(frozen=True)

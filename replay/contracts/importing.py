@@ -66,7 +66,7 @@ class BadInput:
 
 
 @dataclass(frozen=True)
-class ImportWish:
+class ImportRequest:
     """What an import is asked for."""
 
     names: tuple[str, ...]

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Protocol, runtime_checkable
 
-from fbench.replay.contracts.importing import Imported, ImportWish
+from fbench.replay.contracts.importing import Imported, ImportRequest
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.messages import Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
@@ -86,7 +86,7 @@ class Importer(Protocol):
         folder of the dataset, or lacks what all sequences need.
         """
 
-    def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
+    def recordings(self, source: Path, request: ImportRequest) -> Iterator[Recording]:
         """Open the sequences that are asked for, one after the other; each is done with when the next one comes. Raises
         LogError naming the file that is missing or wrong.
         """

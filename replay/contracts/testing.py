@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from fbench.replay.contracts.importing import FrameRange, ImportWish, check_items
+from fbench.replay.contracts.importing import FrameRange, ImportRequest, check_items
 from fbench.replay.contracts.protocols import Importer
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.logs.container import header_of, header_record
@@ -43,7 +43,7 @@ def check_importer(make: Callable[[], Importer], source: Path, max_recordings: i
     _require(len(set(names)) == len(names), f"names() gives one twice: {names}")
     _require(list(make().names(source)) == names, "names() gives other names the second time")
     wanted = tuple(names[:max_recordings])
-    first, second = (_read(make(), source, ImportWish(wanted)) for _ in range(2))
+    first, second = (_read(make(), source, ImportRequest(wanted)) for _ in range(2))
     for found in (first, second):
         _require(tuple(found) == wanted, f"recordings() gives {list(found)}, wanted were {list(wanted)}")
     for name, seen in first.items():
@@ -61,7 +61,7 @@ def check_importer(make: Callable[[], Importer], source: Path, max_recordings: i
         if len(whole.numbers) > 1:
             numbers = sorted(whole.numbers)
             frames = FrameRange(numbers[0], numbers[len(numbers) // 2])
-            found = _read(make(), source, ImportWish((name,), frames))
+            found = _read(make(), source, ImportRequest((name,), frames))
             _require(tuple(found) == (name,), f"recordings() gives {list(found)}, wanted was {name}")
             outside = sorted(number for number in found[name].numbers if number not in frames)
             _require(not outside, f"{name}: gives frames {outside[:5]} where {frames} are wanted")
@@ -69,9 +69,9 @@ def check_importer(make: Callable[[], Importer], source: Path, max_recordings: i
             _require(is_other, f"{name}: has the same id where other frames are wanted")
 
 
-def _read(importer: Importer, source: Path, wish: ImportWish) -> dict[str, _Seen]:
+def _read(importer: Importer, source: Path, request: ImportRequest) -> dict[str, _Seen]:
     found: dict[str, _Seen] = {}
-    for recording in importer.recordings(source, wish):
+    for recording in importer.recordings(source, request):
         rig, info, num_announced = recording.rig, recording.info, recording.num_items
         cameras = {sensor for sensor, mount in rig.mounts.items() if mount.kind == "camera"}
         _require(

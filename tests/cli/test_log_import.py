@@ -282,19 +282,19 @@ class TwoNames(Toy):
     def names(self, source): return ["a", "a"]
 
 class AtRecordings(Toy):
-    def recordings(self, source, wish): raise SystemExit(0)
+    def recordings(self, source, asked): raise SystemExit(0)
 
 class NoRecordings(Toy):
-    def recordings(self, source, wish): return None
+    def recordings(self, source, asked): return None
 
 class Later(Toy):
-    def recordings(self, source, wish):
-        yield from list(super().recordings(source, wish))[:1]
+    def recordings(self, source, asked):
+        yield from list(super().recordings(source, asked))[:1]
         raise KeyError("b")
 
 class Own(Toy):
-    def recordings(self, source, wish):
-        return [type(self).Recording(name, source / name, wish, self._params) for name in wish.names]
+    def recordings(self, source, asked):
+        return [type(self).Recording(name, source / name, asked, self._params) for name in asked.names]
 
 class AtInfo(Own):
     class Recording(ToyRecording):

@@ -25,7 +25,7 @@ from fbench.datasets.kitti.raw.tracklets import FILE as TRACKLETS
 from fbench.datasets.kitti.raw.tracklets import Tracklets, read_tracklets
 from fbench.datasets.kitti.sensors import LIDAR, KittiParams
 from fbench.replay.contracts.errors import ConfigError, LogError
-from fbench.replay.contracts.importing import ImportWish, describe_params, file_facts, log_id, read_text
+from fbench.replay.contracts.importing import ImportRequest, describe_params, file_facts, log_id, read_text
 from fbench.replay.contracts.protocols import Recording
 from fbench.replay.data.arrays import Float32
 from fbench.replay.data.messages import Message, PointCloud, Truth
@@ -50,18 +50,18 @@ def _format_ranges(found: Iterable[range]) -> str:
     return format_runs(found, _LISTED)
 
 
-def recording(name: str, source: Path, wish: ImportWish, params: KittiParams) -> Recording:
+def recording(name: str, source: Path, request: ImportRequest, params: KittiParams) -> Recording:
     """Open a drive of `find_drives`. Raises ConfigError for results of another system, which only benchmarks have."""
     if params.detections is not None:
         raise ConfigError(f"{params.detections}: raw drives can't take detections, whose files are those of benchmarks")
-    return RawRecording(name, find_drives(source)[name], wish, params)
+    return RawRecording(name, find_drives(source)[name], request, params)
 
 
 class RawRecording:
     """One drive; see `Recording`."""
 
-    def __init__(self, name: str, folder: Path, wish: ImportWish, params: KittiParams) -> None:
-        self.name, self._folder, self._wish, self._params = name, folder, wish, params
+    def __init__(self, name: str, folder: Path, request: ImportRequest, params: KittiParams) -> None:
+        self.name, self._folder, self._request, self._params = name, folder, request, params
         # What was imported: the numbers of the files of each sensor, in the order of their stamps
         self._numbers: dict[str, list[int]] = {}
         self._stamps_ns: list[int] = []  # The first and the last one
@@ -102,7 +102,7 @@ class RawRecording:
             **({} if self._world is None else self._world.metadata),
             **describe_params(self._params),
         }
-        return LogInfo(self.name, log_id("kitti", self._facts(), self._wish.frames, self._params), metadata)
+        return LogInfo(self.name, log_id("kitti", self._facts(), self._request.frames, self._params), metadata)
 
     def _facts(self) -> Iterator[str]:
         """What tells drives apart: also what stands in small files, where another number takes as many bytes."""
@@ -122,7 +122,7 @@ class RawRecording:
             try:
                 return oxts.World(oxts.read_fix(path))
             except LogError:
-                if not self._wish.bad.skip:
+                if not self._request.bad.skip:
                     raise
         return None
 
@@ -135,11 +135,11 @@ class RawRecording:
         """All measurements by their stamps, and the boxes at those of the reference sensor."""
         self._tracklets = self._read_tracklets()
         sensors = set(self._drive.series) - ({OXTS} if self._world is None else set())
-        for entry in order_files(self._drive, sensors, self._wish.frames, self._wish.bad.report):
+        for entry in order_files(self._drive, sensors, self._request.frames, self._request.bad.report):
             try:
                 message = self._message(entry)
             except LogError as error:
-                self._wish.bad.report(error)
+                self._request.bad.report(error)
                 continue
             yield message
             self._numbers.setdefault(entry.sensor, []).append(entry.number)
@@ -176,9 +176,9 @@ class RawRecording:
         if body_T_velo is None:
             raise LogError(f"{path}: needs calib_velo_to_cam.txt, which is missing")
         try:
-            return read_tracklets(path, body_T_velo, self._wish.bad.report)
+            return read_tracklets(path, body_T_velo, self._request.bad.report)
         except LogError as error:
-            self._wish.bad.report(error)
+            self._request.bad.report(error)
             return None
 
     def summary(self) -> Sequence[str]:
@@ -199,7 +199,7 @@ class RawRecording:
         return [*lines, *self._box_lines(), *self._odd, "stamps: local time without a zone, taken as UTC"]
 
     def _missing_lines(self) -> Iterator[str]:
-        drive, frames = self._drive, self._wish.frames
+        drive, frames = self._drive, self._request.frames
         absent = [name for name in (*CAMERAS, LIDAR, OXTS) if name not in drive.series]
         if absent:
             yield f"no files of {', '.join(absent)}"
@@ -222,7 +222,7 @@ class RawRecording:
         kinds = format_counts(self._labels)
         boxes = f"boxes: {self._labels.total()}{f' ({kinds})' if kinds else ''} of {tracklets.num_tracks} tracklets"
         yield f"{boxes}, {self._states['interpolated']} of them interpolated between labeled ones"
-        there, wanted = drive.series[drive.reference].paths, self._wish.frames
+        there, wanted = drive.series[drive.reference].paths, self._request.frames
         lost = [frame for frame in tracklets.frame.tolist() if frame in wanted and frame not in there]
         if lost:
             frames = _format_ranges(find_runs(sorted(set(lost))))

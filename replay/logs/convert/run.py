@@ -59,7 +59,7 @@ def write_items(items: Iterable[Item], sink: Sink, target: Target, progress: Pro
 
 
 @dataclass(frozen=True)
-class Wish:
+class ConvertRequest:
     """What of a log is wanted, and how."""
 
     topics: tuple[str, ...] = ()  # Patterns
@@ -69,24 +69,24 @@ class Wish:
 
 
 def convert(
-    container: Container, target: Target, wish: Wish, progress: Progress = lambda num_messages: None
+    container: Container, target: Target, request: ConvertRequest, progress: Progress = lambda num_messages: None
 ) -> Converted:
     """Write a log in another form.
 
     Nothing is lost: what isn't decoded stays as it is, byte for byte. The container counts what is damaged. Raises
-    ConfigError where the target can't or mustn't be written, or the wish fits nothing. Raises LogError where the source
-    can't be read, or where it is decoded and a sensor has no transform, or a camera isn't calibrated.
+    ConfigError where the target can't or mustn't be written, or the request fits nothing. Raises LogError where the
+    source can't be read, or where it is decoded and a sensor has no transform, or a camera isn't calibrated.
     """
     target.check(container.path)
-    if wish.decode:
-        reader = LogReader(container, wish.topics, wish.setup)
-        window = Source(container, (), wish.excerpt).window
+    if request.decode:
+        reader = LogReader(container, request.topics, request.setup)
+        window = Source(container, (), request.excerpt).window
         about = header_of(reader.info, reader.rig)
         left_out: Counter[str] = Counter()
         items: Iterable[Item] = decode(reader, window, left_out)
         written = write_items(items, open_sink(target, about), target, progress, about.log_id)
         return replace(written, left_out=dict(sorted(left_out.items())))
-    source = Source(container, wish.topics, wish.excerpt)
+    source = Source(container, request.topics, request.excerpt)
     as_columns = own_channels(container, source.reader.roles) if target.form == "parquet" else frozenset()
     while True:
         copying = Copying(source, as_columns)

@@ -10,7 +10,7 @@ from fbench.datasets.astyx import Astyx
 from fbench.datasets.importing.run import ImportedLog, import_one
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Message, PointCloud
 from fbench.replay.logs.open import open_log
@@ -121,8 +121,8 @@ def messages(folder: Path) -> list[Message]:
 
 
 def skipping(folder: Path, frames: FrameRange | None = None) -> tuple[ImportedLog, BadInput]:
-    wish = ImportWish((folder.name,), frames or FrameRange(), BadInput(skip=True))
-    return import_one(Astyx(), folder, folder.parent / "out.mcap", wish), wish.bad
+    asked = ImportRequest((folder.name,), frames or FrameRange(), BadInput(skip=True))
+    return import_one(Astyx(), folder, folder.parent / "out.mcap", asked), asked.bad
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_only_frames_that_are_wanted(astyx_folder: Path) -> None:
     assert [t.frame_number for t in reader.truths()] == [8]
     assert reader.info.log_id != open_log(whole.path, FaultLog()).info.log_id
     with pytest.raises(LogError, match=r"lidar_vlp16: no frames"):
-        import_one(Astyx(), astyx_folder, log.path, ImportWish((astyx_folder.name,), FrameRange(11)))
+        import_one(Astyx(), astyx_folder, log.path, ImportRequest((astyx_folder.name,), FrameRange(11)))
 
 
 @pytest.mark.parametrize("matrix", [np.eye(4) * 1.002, np.diag([1, 1, -1, 1]), np.zeros((4, 4))])

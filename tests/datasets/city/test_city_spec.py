@@ -99,7 +99,7 @@ def test_settings_change_sensors_and_weather():
 
 
 @pytest.mark.parametrize(
-    ("wish", "says"),
+    ("asked", "says"),
     [
         (CityRequest(world="rural"), "no simulated world 'rural'"),
         (CityRequest(world="urbn"), r"did you mean 'urban'\?"),
@@ -127,9 +127,9 @@ def test_settings_change_sensors_and_weather():
         (CityRequest(rig_file=Path("absent.toml")), "absent.toml: no such file"),
     ],
 )  # fmt: skip
-def test_wishes_that_cannot_be_are_one_line(wish, says):
+def test_requests_that_cannot_be_are_one_line(asked, says):
     with pytest.raises(ConfigError, match=says):
-        wish.spec()
+        asked.spec()
 
 
 RIG = """

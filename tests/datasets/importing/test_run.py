@@ -9,7 +9,7 @@ from tests.datasets.importing.toy import Toy, ToyParams, ToyRecording, write_toy
 from fbench.datasets.importing.run import NUM_AHEAD, claim, import_one, import_recordings, read_ahead
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, choose_names
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest, choose_names
 from fbench.replay.contracts.testing import check_importer
 from fbench.replay.data.messages import Image, PointCloud, RadarScan
 from fbench.replay.data.rig import LogInfo, Mount, Rig
@@ -35,7 +35,7 @@ class Fixed:
     def names(self, source):
         return ["fixed"]
 
-    def recordings(self, source, wish):
+    def recordings(self, source, asked):
         yield self
 
     def items(self):
@@ -76,7 +76,7 @@ def test_one_sequence_is_expected(tmp_path):
     write_toy(tmp_path / "src", ["a", "b"])
     with pytest.raises(ConfigError, match=r"src: expected one sequence, there are 2$"):
         import_one(Toy(), tmp_path / "src", tmp_path / "a.mcap")
-    log = import_one(Toy(ToyParams(2.0)), tmp_path / "src", tmp_path / "b.mcap", ImportWish(("b",)))
+    log = import_one(Toy(ToyParams(2.0)), tmp_path / "src", tmp_path / "b.mcap", ImportRequest(("b",)))
     assert (log.name, log.state, log.lines[0]) == ("b", "written", "sweeps: 4")
     first = next(iter(open_log(log.path, FaultLog()).messages()))
     raw = np.frombuffer((tmp_path / "src/b/000.bin").read_bytes(), np.float32).reshape(-1, 3)
@@ -94,8 +94,8 @@ def test_buffers_that_an_importer_fills_again_stay_as_they_were(tmp_path):
                 yield replace(cloud, xyz=buffer)
 
     class Reusing(Toy):
-        def recordings(self, source, wish):
-            yield ReusingRecording("a", source / "a", wish, ToyParams())
+        def recordings(self, source, asked):
+            yield ReusingRecording("a", source / "a", asked, ToyParams())
 
     import_one(Toy(), tmp_path / "src", tmp_path / "fresh.mcap")
     import_one(Reusing(), tmp_path / "src", tmp_path / "reused.mcap")
@@ -107,30 +107,30 @@ def test_sequences_that_are_not_those_that_were_wanted(tmp_path, given):
     write_toy(tmp_path / "src", ["a", "b", "z"])
 
     class Other(Toy):
-        def recordings(self, source, wish):
-            return super().recordings(source, ImportWish(tuple(given)))
+        def recordings(self, source, asked):
+            return super().recordings(source, ImportRequest(tuple(given)))
 
     targets = {name: Target(tmp_path / f"{name}.mcap") for name in "ab"}
     with pytest.raises(LogError, match=r"isn't wanted|left out 'b'"):
-        list(import_recordings(Other(), tmp_path / "src", ImportWish(("a", "b")), targets))
+        list(import_recordings(Other(), tmp_path / "src", ImportRequest(("a", "b")), targets))
 
 
 def test_a_failure_between_sequences_is_that_of_those_to_come(tmp_path):
     write_toy(tmp_path / "src", ["a", "b", "c"])
 
     class Failing(Toy):
-        def recordings(self, source, wish):
-            yield next(super().recordings(source, wish))
+        def recordings(self, source, asked):
+            yield next(super().recordings(source, asked))
             raise LogError("tables end here")
 
     targets = {name: Target(tmp_path / f"{name}.mcap") for name in "abc"}
-    wish = ImportWish(("a", "b", "c"), bad=BadInput(skip=True))
-    logs = list(import_recordings(Failing(), tmp_path / "src", wish, targets))
+    asked = ImportRequest(("a", "b", "c"), bad=BadInput(skip=True))
+    logs = list(import_recordings(Failing(), tmp_path / "src", asked, targets))
     assert [(log.name, log.state) for log in logs] == [("a", "written"), ("b", "failed"), ("c", "failed")]
-    assert (wish.bad.num, wish.bad.texts) == (1, ["tables end here"])
+    assert (asked.bad.num, asked.bad.texts) == (1, ["tables end here"])
     again = {name: Target(tmp_path / f"{name}.parquet") for name in "abc"}
     with pytest.raises(LogError, match=r"^tables end here$"):
-        list(import_recordings(Failing(), tmp_path / "src", ImportWish(("a", "b", "c")), again))
+        list(import_recordings(Failing(), tmp_path / "src", ImportRequest(("a", "b", "c")), again))
 
 
 def test_an_importer_may_hold_something_while_it_is_used(tmp_path):
@@ -139,15 +139,15 @@ def test_an_importer_may_hold_something_while_it_is_used(tmp_path):
     events = []
 
     class Holding(Toy):
-        def recordings(self, source, wish):
+        def recordings(self, source, asked):
             try:
-                yield from super().recordings(source, wish)
+                yield from super().recordings(source, asked)
             finally:
                 events.append("given back")
 
     targets = {name: Target(tmp_path / f"{name}.mcap") for name in "ab"}
     with pytest.raises(LogError, match=r"b/000.bin: 5 bytes") as caught:
-        list(import_recordings(Holding(), tmp_path / "src", ImportWish(("a", "b")), targets))
+        list(import_recordings(Holding(), tmp_path / "src", ImportRequest(("a", "b")), targets))
     assert caught.tb is not None
     assert events == ["given back"]
 
@@ -162,8 +162,8 @@ def test_who_writes_the_same_log_waits(tmp_path, name):
             waits.set()
 
     def run():
-        wish = ImportWish(("a",))
-        logs.extend(import_recordings(Toy(), tmp_path / "src", wish, {"a": Target(out)}, tell))
+        asked = ImportRequest(("a",))
+        logs.extend(import_recordings(Toy(), tmp_path / "src", asked, {"a": Target(out)}, tell))
 
     with claim(out, lambda: pytest.fail("nobody else has it")):
         thread = threading.Thread(target=run)
@@ -196,7 +196,7 @@ def test_a_log_that_was_being_replaced_gets_its_name_back(tmp_path):
     out = tmp_path / "a.parquet"
     import_one(Toy(), tmp_path / "src", out)
     out.rename(tmp_path / ".a.parquet.partial.old")
-    logs = list(import_recordings(Toy(), tmp_path / "src", ImportWish(("a",)), {"a": Target(out)}))
+    logs = list(import_recordings(Toy(), tmp_path / "src", ImportRequest(("a",)), {"a": Target(out)}))
     assert [log.state for log in logs] == ["there"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.parquet", "src"]
 
@@ -224,13 +224,13 @@ def test_an_importer_that_conforms(tmp_path):
 
 
 class NoOrder(Toy):
-    def recordings(self, source, wish):
-        return reversed(list(super().recordings(source, wish)))
+    def recordings(self, source, asked):
+        return reversed(list(super().recordings(source, asked)))
 
 
 class NoFrames(Toy):
-    def recordings(self, source, wish):
-        return super().recordings(source, ImportWish(wish.names, FrameRange()))
+    def recordings(self, source, asked):
+        return super().recordings(source, ImportRequest(asked.names, FrameRange()))
 
 
 class Another(Toy):
@@ -244,9 +244,9 @@ class Another(Toy):
 class Forgets(Toy):
     num = 0
 
-    def recordings(self, source, wish):
+    def recordings(self, source, asked):
         type(self).num += 1
-        return iter(list(super().recordings(source, wish))[: 2 if self.num == 1 else 1])
+        return iter(list(super().recordings(source, asked))[: 2 if self.num == 1 else 1])
 
 
 @pytest.mark.parametrize(

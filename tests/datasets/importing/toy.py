@@ -14,7 +14,7 @@ import numpy as np
 
 from fbench.datasets.importing.files import read_floats
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import ImportWish, file_facts, log_id, require_folder
+from fbench.replay.contracts.importing import ImportRequest, file_facts, log_id, require_folder
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.rig import LogInfo, Mount, Rig
 
@@ -35,24 +35,24 @@ class Toy:
         require_folder(source)
         return sorted(path.name for path in source.iterdir() if path.is_dir())
 
-    def recordings(self, source: Path, wish: ImportWish) -> Iterator["ToyRecording"]:
-        for name in wish.names:
-            yield ToyRecording(name, source / name, wish, self._params)
+    def recordings(self, source: Path, asked: ImportRequest) -> Iterator["ToyRecording"]:
+        for name in asked.names:
+            yield ToyRecording(name, source / name, asked, self._params)
 
 
 class ToyRecording:
-    def __init__(self, name: str, folder: Path, wish: ImportWish, params: ToyParams) -> None:
-        self.name, self._folder, self._wish, self._params = name, folder, wish, params
+    def __init__(self, name: str, folder: Path, asked: ImportRequest, params: ToyParams) -> None:
+        self.name, self._folder, self._asked, self._params = name, folder, asked, params
         self._num = 0
 
     @cached_property
     def _paths(self) -> list[Path]:
-        return [path for path in sorted(self._folder.glob("*.bin")) if int(path.stem) in self._wish.frames]
+        return [path for path in sorted(self._folder.glob("*.bin")) if int(path.stem) in self._asked.frames]
 
     @property
     def info(self) -> LogInfo:
         facts = file_facts(self._folder, self._paths)
-        id_ = log_id("toy", [self.name, *facts], self._wish.frames, self._params)
+        id_ = log_id("toy", [self.name, *facts], self._asked.frames, self._params)
         return LogInfo(self.name, id_, {"dataset": "toy", "licence": "none"})
 
     @property
@@ -72,7 +72,7 @@ class ToyRecording:
             try:
                 xyz = read_floats(path, 3) * np.float32(self._params.scale)
             except LogError as error:
-                self._wish.bad.report(error)
+                self._asked.bad.report(error)
                 continue
             stamp_ns = 1_000_000_000 + int(path.stem) * 100_000_000
             self._num += 1

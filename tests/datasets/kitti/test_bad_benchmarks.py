@@ -13,7 +13,7 @@ from fbench.datasets.importing.run import ImportedLog, import_recordings
 from fbench.datasets.kitti import Kitti
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_log
@@ -25,8 +25,8 @@ LABELS, CALIB = "label_02/0000.txt", "calib/0000.txt"
 def run(source: Path, bad: BadInput, frames: FrameRange | None = None) -> ImportedLog:
     """Import the first sequence beside the folder."""
     name, out = Kitti().names(source)[0], source.parent / "out.mcap"
-    wish = ImportWish((name,), frames or FrameRange(), bad)
-    return next(import_recordings(Kitti(), source, wish, {name: Target(out, overwrite=True)}))
+    asked = ImportRequest((name,), frames or FrameRange(), bad)
+    return next(import_recordings(Kitti(), source, asked, {name: Target(out, overwrite=True)}))
 
 
 def refused(source: Path, message: str) -> None:

@@ -11,7 +11,7 @@ from fbench.datasets.kitti.sensors import KittiParams
 from fbench.pipelines.variants.recorded import Recorded
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest
 from fbench.replay.contracts.plugins import make_importer
 from fbench.replay.data.messages import Truth
 from fbench.replay.logs.open import open_log
@@ -26,8 +26,8 @@ def imported(
     source: Path, detections: Path, out: Path, frames: FrameRange | None = None, bad: BadInput | None = None
 ) -> ImportedLog:
     name = Kitti().names(source)[0]
-    wish = ImportWish((name,), frames or FrameRange(), bad or BadInput())
-    return import_one(Kitti(KittiParams(detections)), source, out, wish)
+    asked = ImportRequest((name,), frames or FrameRange(), bad or BadInput())
+    return import_one(Kitti(KittiParams(detections)), source, out, asked)
 
 
 def results(out: Path, topic: str = "") -> list[Truth]:
@@ -45,7 +45,7 @@ def folder_of(tmp_path: Path, **files: str) -> Path:
 def test_the_setting_of_the_command_line_makes_the_importer(tmp_path: Path, tracking_folder: Path) -> None:
     folder = folder_of(tmp_path, n0000=f"0 7 {CAR} 0.5\n")
     importer = make_importer("kitti", [f"detections={folder}"])
-    import_one(importer, tracking_folder, tmp_path / "out.mcap", ImportWish(("0000",)))
+    import_one(importer, tracking_folder, tmp_path / "out.mcap", ImportRequest(("0000",)))
     assert len(results(tmp_path / "out.mcap")) == 4
     assert make_importer("kitti", ["detections=none"]).names(tracking_folder) == ["0000", "0001"]
 
@@ -189,7 +189,7 @@ VALIDATION = ["0001", "0006", "0008", "0010", "0012", "0013", "0014", "0015", "0
 )
 def test_real_3d_detections_of_the_validation_sequences(tracking: Path, tmp_path: Path, name: str) -> None:
     folder, out = tracking / "pointrcnn_car_val", tmp_path / "out.mcap"
-    import_one(Kitti(KittiParams(folder)), tracking, out, ImportWish((name,)))
+    import_one(Kitti(KittiParams(folder)), tracking, out, ImportRequest((name,)))
     rows = np.loadtxt(folder / f"{name}.txt", delimiter=",", ndmin=2)
     found, truths = results(out), list(open_log(out, FaultLog()).truths())
     assert [t.stamp_ns for t in found] == [t.stamp_ns for t in truths]
@@ -208,7 +208,7 @@ def test_real_detections_lie_on_the_labeled_cars(tracking: Path, tmp_path: Path)
     detector is sure of.
     """
     out = tmp_path / "out.mcap"
-    import_one(Kitti(KittiParams(tracking / "pointrcnn_car_val")), tracking, out, ImportWish(("0012",)))
+    import_one(Kitti(KittiParams(tracking / "pointrcnn_car_val")), tracking, out, ImportRequest(("0012",)))
     near = []
     for truth, result in zip(open_log(out, FaultLog()).truths(), results(out), strict=True):
         if len(result.boxes3d):
@@ -223,7 +223,7 @@ def test_real_detections_lie_on_the_labeled_cars(tracking: Path, tmp_path: Path)
 def test_a_real_tracker_in_2d(tracking: Path, tmp_path: Path, inner: str) -> None:
     """Where TrackEval keeps it, in `data/`; `recorded` takes its boxes for tracks in images."""
     folder, out = tracking / "trackers_2d/GT-SORT" / inner, tmp_path / "out.mcap"
-    import_one(Kitti(KittiParams(folder)), tracking, out, ImportWish(("0012",)))
+    import_one(Kitti(KittiParams(folder)), tracking, out, ImportRequest(("0012",)))
     rows = [r.split() for r in (tracking / "trackers_2d/GT-SORT/data/0012.txt").read_text().splitlines() if r.strip()]
     found = results(out)
     assert all(t.boxes3d is None for t in found)

@@ -6,7 +6,7 @@ import pytest
 from fbench.datasets.importing.run import import_one
 from fbench.datasets.kitti import Kitti
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import ImportWish
+from fbench.replay.contracts.importing import ImportRequest
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.setup import BoxSource, Setup
 
@@ -20,7 +20,7 @@ from fbench.replay.logs.setup import BoxSource, Setup
 )
 def test_boxes_of_the_file_are_those_of_the_log(shared, tmp_path, folder, name, labels, form):
     source = shared / "data" / folder
-    import_one(Kitti(), source, tmp_path / "log.mcap", ImportWish((name,)))
+    import_one(Kitti(), source, tmp_path / "log.mcap", ImportRequest((name,)))
     own = [truth for truth in open_log(tmp_path / "log.mcap", FaultLog()).truths() if len(truth.boxes3d)]
     setup = Setup(truth=BoxSource(source / labels, form, camera="image_02"))
     filed = open_log(tmp_path / "log.mcap", FaultLog(), (), setup).truths()

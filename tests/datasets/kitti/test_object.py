@@ -9,7 +9,7 @@ from fbench.datasets.importing.run import ImportedLog, import_one
 from fbench.datasets.kitti import Kitti
 from fbench.replay.check.log_check import CheckOptions, check_log
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import FrameRange, ImportWish
+from fbench.replay.contracts.importing import FrameRange, ImportRequest
 from fbench.replay.contracts.protocols import Reader
 from fbench.replay.data.messages import Image, Message, PointCloud, Truth
 from fbench.replay.data.rig import Rig, RigChange
@@ -21,7 +21,7 @@ S = 1_000_000_000
 
 
 def imported(source: Path, out: Path, frames: FrameRange | None = None) -> tuple[Reader, ImportedLog]:
-    log = import_one(Kitti(), source, out, ImportWish(tuple(Kitti().names(source)), frames or FrameRange()))
+    log = import_one(Kitti(), source, out, ImportRequest(tuple(Kitti().names(source)), frames or FrameRange()))
     return open_log(out, FaultLog()), log
 
 

@@ -13,17 +13,17 @@ from fbench.datasets.importing.run import import_one
 from fbench.datasets.nuscenes import NuScenes, NuScenesParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.logs.open import open_log
 
-FIRST, DEFAULTS = ImportWish(("scene-0001",)), NuScenesParams()
+FIRST, DEFAULTS = ImportRequest(("scene-0001",)), NuScenesParams()
 
 
-def refused(source: Path, message: str, wish: ImportWish = FIRST, params: NuScenesParams = DEFAULTS) -> None:
+def refused(source: Path, message: str, asked: ImportRequest = FIRST, params: NuScenesParams = DEFAULTS) -> None:
     out = source.parent / "out.mcap"
     with pytest.raises((LogError, ConfigError), match=message) as caught:
-        import_one(NuScenes(params), source, out, wish)
+        import_one(NuScenes(params), source, out, asked)
     assert "\n" not in str(caught.value)
     assert not out.exists()
 
@@ -65,7 +65,7 @@ def test_missing_and_broken_tables(nuscenes, table: str) -> None:
 
 
 def test_scenes(nuscenes) -> None:
-    refused(nuscenes.root, "scene.json: no scene 'scene-0007'; did you mean", ImportWish(("scene-0007",)))
+    refused(nuscenes.root, "scene.json: no scene 'scene-0007'; did you mean", ImportRequest(("scene-0007",)))
     nuscenes.rows["scene"][1]["name"] = "scene-0001"
     nuscenes.write()
     refused(nuscenes.root, "scene.json: two scenes are called 'scene-0001', only one of them may be there$")
@@ -257,7 +257,7 @@ def test_bad_input_is_skipped_and_counted(nuscenes) -> None:
     nuscenes.write()
     bad = BadInput(skip=True)
     out = nuscenes.root.parent / "out.mcap"
-    import_one(NuScenes(), nuscenes.root, out, ImportWish(("scene-0001",), FrameRange(), bad))
+    import_one(NuScenes(), nuscenes.root, out, ImportRequest(("scene-0001",), FrameRange(), bad))
     assert bad.num == 5
     reader = open_log(out, FaultLog())
     num = dict(reader.num_messages)
@@ -267,8 +267,8 @@ def test_bad_input_is_skipped_and_counted(nuscenes) -> None:
 
 
 def test_a_range_with_nothing_in_it(nuscenes) -> None:
-    wish = ImportWish(("scene-0001",), FrameRange(9))
-    refused(nuscenes.root, "sample_data.json: nothing was measured in scene-0001 in frames 9:$", wish)
+    asked = ImportRequest(("scene-0001",), FrameRange(9))
+    refused(nuscenes.root, "sample_data.json: nothing was measured in scene-0001 in frames 9:$", asked)
 
 
 def test_one_bad_scene_leaves_the_others(nuscenes) -> None:
@@ -276,7 +276,7 @@ def test_one_bad_scene_leaves_the_others(nuscenes) -> None:
     nuscenes.write()
     refused(nuscenes.root, "scene-0001 links 3 of its 6 samples")
     out = nuscenes.root.parent / "out.mcap"
-    import_one(NuScenes(), nuscenes.root, out, ImportWish(("scene-0002",)))
+    import_one(NuScenes(), nuscenes.root, out, ImportRequest(("scene-0002",)))
     assert open_log(out, FaultLog()).info.name == "out"
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from fbench.datasets.importing.run import import_one
 from fbench.datasets.nuscenes import NuScenes, NuScenesParams
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import FrameRange, ImportWish
+from fbench.replay.contracts.importing import FrameRange, ImportRequest
 from fbench.replay.contracts.testing import check_importer
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
@@ -44,7 +44,7 @@ def imported(
     source: Path, name: str = "scene-0001", frames: FrameRange = ALL, params: NuScenesParams = DEFAULTS
 ) -> Log:
     out = source.parent / "out.mcap"
-    lines = import_one(NuScenes(params), source, out, ImportWish((name,), frames)).lines
+    lines = import_one(NuScenes(params), source, out, ImportRequest((name,), frames)).lines
     faults = FaultLog()
     reader = open_log(out, faults)
     log = Log(list(lines), reader.info, reader.rig, list(reader.messages()), list(reader.truths()), out.read_bytes())
@@ -267,14 +267,14 @@ def test_ranges_of_samples_share_nothing_and_lack_nothing(nuscenes) -> None:
 
 
 def test_ids_tell_imports_apart(nuscenes) -> None:
-    wishes: list[Callable[[], Log]] = [
+    requests: list[Callable[[], Log]] = [
         lambda: imported(nuscenes.root),
         lambda: imported(nuscenes.root, "scene-0002"),
         lambda: imported(nuscenes.root, frames=FrameRange(1)),
         lambda: imported(nuscenes.root, params=NuScenesParams(sweeps=False)),
         lambda: imported(nuscenes.root, params=NuScenesParams(radar_filter=False)),
     ]
-    assert len({wish().info.log_id for wish in wishes}) == len(wishes)
+    assert len({asked().info.log_id for asked in requests}) == len(requests)
 
 
 def test_importing_again_gives_the_same_bytes(nuscenes) -> None:

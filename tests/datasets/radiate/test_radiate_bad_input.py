@@ -11,7 +11,7 @@ from fbench.datasets.radiate import Radiate
 from fbench.datasets.radiate.radar import RadiateParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import FrameRange, ImportWish
+from fbench.replay.contracts.importing import FrameRange, ImportRequest
 from fbench.replay.logs.open import open_log
 
 SWEEP, POLAR, LEFT = "velo_lidar/000002.csv", "Navtech_Polar/000002.png", "zed_left/000001.png"
@@ -21,10 +21,10 @@ TWICE = [{"id": 1, "class_name": name, "bboxes": []} for name in ("car", "van")]
 LONG = [{"id": 1, "class_name": "x" * 2000, "bboxes": []}]
 
 
-def refused(folder: Path, message: str, wish: ImportWish | None = None) -> None:
+def refused(folder: Path, message: str, asked: ImportRequest | None = None) -> None:
     out = folder.parent / "out.mcap"
     with pytest.raises(LogError, match=message) as caught:
-        import_one(Radiate(), folder, out, wish)
+        import_one(Radiate(), folder, out, asked)
     assert "\n" not in str(caught.value)
     assert not out.exists()
 
@@ -56,7 +56,7 @@ def test_no_radar_image_has_a_time(sequence: Path) -> None:
 
 
 def test_frames_that_are_not_there(sequence: Path) -> None:
-    refused(sequence, r"no radar frame 4:, there are 1 to 3$", ImportWish(("fog_1_0",), FrameRange(4)))
+    refused(sequence, r"no radar frame 4:, there are 1 to 3$", ImportRequest(("fog_1_0",), FrameRange(4)))
 
 
 def test_named_calibration_is_missing(sequence: Path) -> None:

@@ -8,7 +8,7 @@ from fbench.datasets.importing.run import import_one
 from fbench.datasets.radiate import Radiate
 from fbench.datasets.radiate.radar import DEFAULTS, RadiateParams
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest
 from fbench.replay.contracts.protocols import Reader
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
 from fbench.replay.logs.open import open_log
@@ -17,9 +17,9 @@ SECOND = 1_574_859_771_000_000_000
 STEP_M = 0.173611
 
 
-def imported(folder: Path, params: RadiateParams = DEFAULTS, wish: ImportWish | None = None) -> Reader:
+def imported(folder: Path, params: RadiateParams = DEFAULTS, asked: ImportRequest | None = None) -> Reader:
     out = folder.parent / "out.mcap"
-    import_one(Radiate(params), folder, out, wish)
+    import_one(Radiate(params), folder, out, asked)
     return open_log(out, FaultLog())
 
 
@@ -243,9 +243,9 @@ def test_a_sequence_with_radar_alone(sequence: Path) -> None:
 
 def test_frames_choose_radar_frames_and_what_is_around_them(sequence: Path) -> None:
     # The median distance of radar stamps is 250 ms: from 625 ms on, half a period before frame 2.
-    found = messages(imported(sequence, wish=ImportWish(("fog_1_0",), FrameRange(2, 3))))
+    found = messages(imported(sequence, asked=ImportRequest(("fog_1_0",), FrameRange(2, 3))))
     assert {name: [m.stamp_ns - SECOND for m in of] for name, of in found.items()} == {"navtech": [750_000_000]}
-    found = messages(imported(sequence, wish=ImportWish(("fog_1_0",), FrameRange(1, 2))))
+    found = messages(imported(sequence, asked=ImportRequest(("fog_1_0",), FrameRange(1, 2))))
     assert [m.stamp_ns - SECOND for m in found["velo_lidar"]] == [480_000_000, 580_000_000]
     assert [m.stamp_ns - SECOND for m in found["gps_imu"]] == [500_000_003]
 
@@ -255,7 +255,7 @@ def test_a_folder_of_sequences_has_their_names(sequence: Path) -> None:
     other.mkdir(parents=True)
     assert list(Radiate().names(sequence.parent)) == ["city_0_0", "fog_1_0"]
     (sequence / "default-calib.yaml").rename(sequence.parent / "default-calib.yaml")
-    log = imported(sequence.parent, wish=ImportWish(("fog_1_0",)))
+    log = imported(sequence.parent, asked=ImportRequest(("fog_1_0",)))
     assert log.info.metadata["sequence"] == "fog_1"
     assert len(messages(log)["navtech"]) == 3
 
@@ -294,7 +294,7 @@ def test_bad_files_can_be_skipped(sequence: Path) -> None:
     (sequence / "velo_lidar/000002.csv").write_text("1,2,3\n")
     (sequence / "GPS_IMU_Twist/000001.txt").write_text("55.9\n")
     bad = BadInput(skip=True)
-    log = imported(sequence, wish=ImportWish(("fog_1_0",), bad=bad))
+    log = imported(sequence, asked=ImportRequest(("fog_1_0",), bad=bad))
     assert bad.num == 3
     assert {name: len(found) for name, found in messages(log).items()} == {
         "navtech": 2, "velo_lidar": 1, "zed_left": 2, "zed_right": 2, "gps_imu": 1,

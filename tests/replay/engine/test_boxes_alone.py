@@ -10,7 +10,7 @@ from fbench.cli import main
 from fbench.datasets.importing.run import import_one
 from fbench.replay.check.log_check import CheckOptions, check_log
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import ImportWish, OtherResult
+from fbench.replay.contracts.importing import ImportRequest, OtherResult
 from fbench.replay.contracts.plugins import give_log, make_pipeline
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
@@ -59,7 +59,7 @@ class Importer:
     def names(self, source):
         return ["labels"]
 
-    def recordings(self, source, wish: ImportWish):
+    def recordings(self, source, asked: ImportRequest):
         yield Labels()
 
 

@@ -100,10 +100,10 @@ def flats(num: int, **fields: object) -> Boxes2D:
     return replace(boxes, **{name: np.array(value) for name, value in fields.items()})  # type: ignore[arg-type]
 
 
-def exported(form: str, out: Path, *sources: Path, overwrite: bool = False, name: str = "", **wish: str) -> Exported:
+def exported(form: str, out: Path, *sources: Path, overwrite: bool = False, name: str = "", **asked: str) -> Exported:
     """Export, and return what was said of the last source."""
     made = make_export_request(
-        form, wish.get("boxes"), wish.get("camera", ""), wish.get("frame", ""), wish.get("class_name", "")
+        form, asked.get("boxes"), asked.get("camera", ""), asked.get("frame", ""), asked.get("class_name", "")
     )
     job = Export(sources, made, out, overwrite, name)
     return list(export(job, FaultLog()))[-1]

@@ -64,13 +64,13 @@ def test_object_labels_come_out_byte_for_byte(tmp_path):
 def test_real_tracking_labels_come_out_byte_for_byte(shared, tmp_path):
     from fbench.datasets.importing.run import import_recordings
     from fbench.datasets.kitti import Kitti
-    from fbench.replay.contracts.importing import ImportWish
+    from fbench.replay.contracts.importing import ImportRequest
     from fbench.replay.logs.convert.target import Target
 
     source = shared / "data" / "kitti_tracking"
     names = tuple(Kitti().names(source))[::3]
     targets = {name: Target(tmp_path / f"{name}.mcap") for name in names}
-    logs = [log.path for log in import_recordings(Kitti(), source, ImportWish(names), targets)]
+    logs = [log.path for log in import_recordings(Kitti(), source, ImportRequest(names), targets)]
     exported("kitti-tracking", tmp_path / "out", *logs)
     labels = sorted((source / "label_02").glob("*.txt"))[::3]
     assert len(labels) == 7
@@ -197,8 +197,8 @@ def test_coordinate_frames(tmp_path):
     raised = Rig({**rig().mounts, "cam": Mount("camera", np.array([0, 0, 1.0]), FORWARD)}, {"cam": CAMERA})
     run = run_of(write_log(tmp_path / "a.mcap", sweeps(1), of=raised), lambda i: solids([10.0]))
 
-    def y(out: str, **wish: str) -> float:
-        exported("kitti", tmp_path / out, run, **wish)
+    def y(out: str, **asked: str) -> float:
+        exported("kitti", tmp_path / out, run, **asked)
         return float((tmp_path / out / "000000.txt").read_text().split()[12])
 
     assert y("a") == 1.75  # the bottom is 0.75 m below the body's origin, the camera 1 m above that

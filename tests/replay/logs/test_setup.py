@@ -12,7 +12,7 @@ from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.logs.containers.mcap.write import McapWriter
-from fbench.replay.logs.convert.run import Wish, convert
+from fbench.replay.logs.convert.run import ConvertRequest, convert
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.open import open_container, open_log
@@ -46,7 +46,7 @@ def log(request, tmp_path):
     if request.param == "mcap":
         return path
     target = tmp_path / "own.parquet"
-    convert(open_container(path, FaultLog()), Target(target), Wish())
+    convert(open_container(path, FaultLog()), Target(target), ConvertRequest())
     return target
 
 

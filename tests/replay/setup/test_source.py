@@ -63,14 +63,14 @@ def test_it_can_be_left_out_or_replaced(log, tmp_path):
 
 
 def test_truth_of_the_command_line_goes_first(log, tmp_path):
-    wish = LogRequest(log, truth=BoxSource(tmp_path / "kitti", "kitti"))
-    assert log_source(wish).setup.truth == BoxSource(tmp_path / "kitti", "kitti")
+    asked = LogRequest(log, truth=BoxSource(tmp_path / "kitti", "kitti"))
+    assert log_source(asked).setup.truth == BoxSource(tmp_path / "kitti", "kitti")
 
 
 def test_requests_can_be_moved_to_another_folder(log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    wish = LogRequest(log.relative_to(tmp_path), "fbench.toml", [], BoxSource(log.relative_to(tmp_path)))
-    moved = wish.absolute()
+    asked = LogRequest(log.relative_to(tmp_path), "fbench.toml", [], BoxSource(log.relative_to(tmp_path)))
+    moved = asked.absolute()
     assert (moved.path, moved.config) == (log, str(tmp_path / "fbench.toml"))
     assert moved.truth == BoxSource(log)
     assert LogRequest(log, "none").absolute().config == "none"

@@ -23,8 +23,8 @@ def radiate(shared, tmp_path):
 @pytest.mark.slow
 def test_all_sensors_are_drawn_into_each_other(radiate, tmp_path):
     reader, faults = open_log(radiate, FaultLog()), FaultLog()
-    wish = PreviewRequest(num=2, sync=SyncParams(timeout_ns=10**9), excerpt=Excerpt(1, None))
-    content = write_preview(collect(reader, partial_rig(reader), wish, faults), tmp_path)
+    asked = PreviewRequest(num=2, sync=SyncParams(timeout_ns=10**9), excerpt=Excerpt(1, None))
+    content = write_preview(collect(reader, partial_rig(reader), asked, faults), tmp_path)
     files = [shown.file for shown in content.pictures]
     for part in ("0-left-lidar", "3-right-radar", "0-left-stereo-3-right", "above", "side"):
         assert any(part in file for file in files), part

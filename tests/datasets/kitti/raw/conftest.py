@@ -11,7 +11,7 @@ import pytest
 from fbench.datasets.importing.run import import_one
 from fbench.datasets.kitti import Kitti
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest
 from fbench.replay.logs.open import open_log
 
 DATE = "2011_09_26"
@@ -159,8 +159,8 @@ class MadeDrive:
 
     def imported(self, source: Path | None = None, skip: bool = False, frames: FrameRange | None = None) -> Imported:
         out, bad = self.root.parent / "out.mcap", BadInput(skip)
-        wish = ImportWish((self.folder.name,), frames or FrameRange(), bad)
-        return Imported(out, import_one(Kitti(), source or self.root, out, wish).lines, bad)
+        asked = ImportRequest((self.folder.name,), frames or FrameRange(), bad)
+        return Imported(out, import_one(Kitti(), source or self.root, out, asked).lines, bad)
 
 
 @pytest.fixture

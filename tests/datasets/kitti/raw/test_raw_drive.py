@@ -8,7 +8,7 @@ import pytest
 from fbench.datasets.kitti import Kitti, raw
 from fbench.datasets.kitti.sensors import KittiParams
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.importing import FrameRange, ImportWish
+from fbench.replay.contracts.importing import FrameRange, ImportRequest
 from fbench.replay.contracts.testing import check_importer
 from fbench.replay.data.messages import Image, PointCloud, Pose
 from fbench.replay.geometry.camera import project
@@ -189,7 +189,7 @@ def test_equal_folders_give_equal_ids_and_other_calibration_another_one(drive):
 
 def test_results_of_others_are_refused(drive, tmp_path):
     with pytest.raises(ConfigError, match="raw drives"):
-        raw.recording(NAME, drive.root, ImportWish((NAME,)), KittiParams(detections=tmp_path))
+        raw.recording(NAME, drive.root, ImportRequest((NAME,)), KittiParams(detections=tmp_path))
 
 
 def test_an_extract_keeps_its_lenses(extract):

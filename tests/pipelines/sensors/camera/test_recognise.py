@@ -62,7 +62,7 @@ def test_yolo_with_nms_inside() -> None:
     assert layout.head == "final"
 
 
-def test_free_size_without_a_wish_is_640() -> None:
+def test_free_size_without_a_request_is_640() -> None:
     layout = recognize(yolo((1, 84, None), image=(None, 3, None, None)))
     assert isinstance(layout, Ultralytics)
     assert layout.input_wh == (640, 640)

@@ -7,7 +7,7 @@ from tests.replay.logs import builders as b
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.engine.excerpt import make_excerpt
-from fbench.replay.logs.convert.run import Converted, Wish, convert
+from fbench.replay.logs.convert.run import Converted, ConvertRequest, convert
 from fbench.replay.logs.convert.target import Target, make_split
 from fbench.replay.logs.open import open_container
 from fbench.replay.runs.digest import Digest
@@ -33,8 +33,8 @@ def conversion(
 ) -> tuple[Converted, FaultLog]:
     faults = FaultLog()
     target = Target(out, split=make_split(split_s, split_mb), **how)
-    wish = Wish(topics, make_excerpt(start, end, None), decode)
-    return convert(open_container(source, faults), target, wish), faults
+    asked = ConvertRequest(topics, make_excerpt(start, end, None), decode)
+    return convert(open_container(source, faults), target, asked), faults
 
 
 def messages(path: Path) -> list[tuple[Any, ...]]:

@@ -11,7 +11,7 @@ from tests.replay.logs.other_forms import chunks
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.logs.convert.run import Wish, convert
+from fbench.replay.logs.convert.run import ConvertRequest, convert
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_container
 
@@ -119,7 +119,7 @@ def test_an_interruption_leaves_nothing_and_the_old_log_in_its_place(tmp_path, d
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        convert(open_container(drive, FaultLog()), Target(out, overwrite=True), Wish((), Excerpt()), stop)
+        convert(open_container(drive, FaultLog()), Target(out, overwrite=True), ConvertRequest((), Excerpt()), stop)
     assert [p.name for p in tmp_path.iterdir()] == [name]
     assert digest(out) == before
 
