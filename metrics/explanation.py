@@ -41,7 +41,7 @@ class Verdict:
     """From the body in the ground plane in 3D; as the results tell it in images; `None` where unknown."""
     partner: int | None  # Number of the box of the other side that it was matched with
     partner_id: int | None
-    likeness: float | None  # Distance [m] or intersection over union of the two
+    similarity: float | None  # Distance [m] or intersection over union of the two
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class _Step:
                 why += f"; id switch: was {number} at frame {frame}"
             return self._verdict(what, row, "hit", why, int(self.candidates.truth_row[n]), near)
         if outcome == BoxOutcome.INVALID:
-            return self._verdict(what, row, "invalid", "; ".join(faults(self.estimates, row, self.match.likeness)))
+            return self._verdict(what, row, "invalid", "; ".join(faults(self.estimates, row, self.match.kind)))
         if outcome == BoxOutcome.OUTSIDE:
             return self._verdict(what, row, "ignored", self._why_outside(self.estimates, row))
         if outcome == BoxOutcome.EXCUSED:
@@ -260,7 +260,7 @@ def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEH
     if reason is not None:
         raise MetricError(f"{run.folder}: frame {frame} isn't scored: {reason}", "GT001")
     require_unique_ids(tracked.sequence, str(run.folder))
-    is_recorded = found.match.likeness == "iou2d" and "2d" in record.truth_spaces.split()
+    is_recorded = found.match.kind == "iou2d" and "2d" in record.truth_spaces.split()
     truth = shared.truth2d(frame) if is_recorded else shared.truth3d(frame)
     num_invalid = 0 if truth is None else int((~finite(truth)[0]).sum())
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.metrics.core.similarity import Blocks
 from fbench.replay.contracts.errors import MetricError
-from fbench.replay.contracts.profiles import Likeness, Match
+from fbench.replay.contracts.profiles import Match, SimilarityKind
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects, are_finite
 
@@ -46,31 +46,31 @@ class Problem:
         return self.with_similarity(np.maximum(0.0, 1 + self.pairs.values / match.threshold))
 
 
-def is_valid(objects: Objects, likeness: Likeness) -> Bool:
+def is_valid(objects: Objects, similarity: SimilarityKind) -> Bool:
     """Tell of which objects (N,) score and geometry are finite, and no size is negative (fault PRD001 of results).
-    Raises MetricError where the objects lack what the likeness compares.
+    Raises MetricError where the objects lack what the similarity compares.
     """
     good: Bool = np.isfinite(objects.score)
     if not len(objects):
         return good
-    parts, is_inverted = _geometry(objects, likeness)
+    parts, is_inverted = _geometry(objects, similarity)
     return np.asarray(np.all([good, ~is_inverted, *map(are_finite, parts.values())], axis=0))
 
 
-def faults(objects: Objects, row: int, likeness: Likeness) -> list[str]:
+def faults(objects: Objects, row: int, similarity: SimilarityKind) -> list[str]:
     """Say what is wrong with one object that isn't valid."""
-    parts, is_inverted = _geometry(objects, likeness)
+    parts, is_inverted = _geometry(objects, similarity)
     found = [] if np.isfinite(objects.score[row]) else ["its score isn't finite"]
     found += [f"its {what} isn't finite" for what, part in parts.items() if not are_finite(part[row : row + 1])[0]]
     if is_inverted[row]:
         turned = "its right is left of its left, or its bottom above its top"
-        found.append(turned if likeness == "iou2d" else "its size is negative")
+        found.append(turned if similarity == "iou2d" else "its size is negative")
     return found
 
 
-def _geometry(objects: Objects, likeness: Likeness) -> tuple[dict[str, Float64], Bool]:
+def _geometry(objects: Objects, similarity: SimilarityKind) -> tuple[dict[str, Float64], Bool]:
     """What is compared (N, K) by name, and which objects (N,) have a negative size."""
-    if likeness == "iou2d":
+    if similarity == "iou2d":
         if objects.xyxy_px is None:
             raise MetricError("there are no boxes in images to score")
         inverted = objects.xyxy_px[:, 2:] < objects.xyxy_px[:, :2]

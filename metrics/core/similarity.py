@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from fbench.replay.contracts.errors import MetricError
-from fbench.replay.contracts.profiles import Likeness
+from fbench.replay.contracts.profiles import SimilarityKind
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects, are_finite
 from fbench.replay.geometry.iou import comparable, flat_iou
@@ -70,7 +70,7 @@ def block_starts(row_start: Int64, column_start: Int64) -> Int64:
 
 
 def blocks(
-    truth: Objects, estimates: Objects, num_steps: int, likeness: Likeness, ego_m: Array | None = None
+    truth: Objects, estimates: Objects, num_steps: int, similarity: SimilarityKind, ego_m: Array | None = None
 ) -> Blocks:
     """Return the similarity of all pairs of N truth boxes (rows) and M estimates (columns) of each step.
 
@@ -87,20 +87,20 @@ def blocks(
     Boxes that aren't finite or have a negative size get -inf and so match nothing (for center distances only the
     center is looked at); boxes without area or volume have an intersection over union of 0. `ego_m` (S, 2 or 3) is
     where the body is at each step, for `plane`; `None`: at the origin. Raises MetricError where boxes have no
-    rectangle, or no solid, as the likeness needs.
+    rectangle, or no solid, as the similarity needs.
     """
-    if likeness == "iou2d":
+    if similarity == "iou2d":
         return image_overlaps(truth, estimates, num_steps, np.zeros(len(truth), bool))
     starts = _starts(truth, estimates, num_steps)
-    if likeness in ("ioubev", "iou3d"):
-        return Blocks(*starts, flat_iou(_solids(truth), _solids(estimates), *starts[:2], likeness == "iou3d"))
+    if similarity in ("ioubev", "iou3d"):
+        return Blocks(*starts, flat_iou(_solids(truth), _solids(estimates), *starts[:2], similarity == "iou3d"))
     from fbench.metrics.core.similarity_kernel import distance_blocks, plane_blocks  # numba takes a while to import
 
-    if likeness == "plane":
+    if similarity == "plane":
         a, b = _solids(truth), _solids(estimates)
         ego = np.zeros((num_steps, 2)) if ego_m is None else np.ascontiguousarray(ego_m[:, :2], np.float64)
         return Blocks(*starts, plane_blocks(a, b, comparable(a), comparable(b), *starts, ego))
-    a, b = (_centers(objects, 2 if likeness == "bev" else 3) for objects in (truth, estimates))
+    a, b = (_centers(objects, 2 if similarity == "bev" else 3) for objects in (truth, estimates))
     return Blocks(*starts, distance_blocks(a, b, are_finite(a), are_finite(b), *starts))
 
 

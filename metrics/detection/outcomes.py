@@ -79,10 +79,10 @@ def compare_class(sequence: Sequence, group: Group, match: Match) -> Candidates:
     """
     truth, estimate_row = sequence.truth, np.flatnonzero(group.holds(sequence.estimates))
     estimates = sequence.estimates[estimate_row]
-    invalid = ~is_valid(estimates, match.likeness)
-    pairs = blocks(truth, estimates, len(sequence.steps), match.likeness, sequence.ego_m)
+    invalid = ~is_valid(estimates, match.kind)
+    pairs = blocks(truth, estimates, len(sequence.steps), match.kind, sequence.ego_m)
     shares = pairs.values
-    if match.likeness == "iou2d":
+    if match.kind == "iou2d":
         shares = image_overlaps(truth, estimates, len(sequence.steps), np.ones(len(truth), bool)).values
     usable = ~invalid[pairs.pairs[1]]
     excused = usable & group.excuses(truth, estimates, pairs.pairs)
@@ -185,7 +185,7 @@ def judge(candidates: Candidates, partner: Int64, by_score: bool = True) -> Judg
     if excusable.any():
         columns = c.excuse.pairs[1]
         good = (c.excuse.values >= c.match.floor) & excusable[columns]
-        if c.match.likeness == "iou2d":  # one box can excuse several estimates
+        if c.match.kind == "iou2d":  # one box can excuse several estimates
             outcome[columns[good]] = Outcome.EXCUSED
         else:
             single = replace(c.excuse, values=np.where(good, c.excuse.values, -np.inf))

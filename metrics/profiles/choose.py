@@ -86,7 +86,7 @@ def space_to_compare(profile: AnyProfile) -> Space:
 
 
 def _space_of(match: Match) -> Space:
-    return "2d" if match.likeness == "iou2d" else "3d"
+    return "2d" if match.kind == "iou2d" else "3d"
 
 
 def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> Sequence:

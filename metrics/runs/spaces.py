@@ -173,7 +173,7 @@ def views(run: Run, table: BoxTable, options: ScoreOptions, match: Match | None 
     the image or not, as it needs. Raises MetricError where that needs 3D boxes, and the results are in images.
     """
     if match is not None:
-        flat = match.likeness == "iou2d"
+        flat = match.kind == "iou2d"
         view = image_view(run, table, options) if flat else ground_view(run, table, options)
         _, comma, which = view.key.matching.partition(",")
         how = f"iou {match.threshold:g}" if flat else str(match)

@@ -8,30 +8,30 @@ from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence, Space
 
-Likeness = Literal["iou2d", "ioubev", "iou3d", "bev", "center3d", "plane"]
+SimilarityKind = Literal["iou2d", "ioubev", "iou3d", "bev", "center3d", "plane"]
 """How alike two boxes are: intersection over union in the image, from above, in space; or how far apart: centers in
 the ground plane, centers in space, or the two corners nearest to the ego (plane distance)."""
-LIKENESSES: tuple[Likeness, ...] = get_args(Likeness)
-_DISTANCES: tuple[Likeness, ...] = ("bev", "center3d", "plane")
+SIMILARITY_KINDS: tuple[SimilarityKind, ...] = get_args(SimilarityKind)
+_DISTANCES: tuple[SimilarityKind, ...] = ("bev", "center3d", "plane")
 
 
 @dataclass(frozen=True)
 class Match:
     """When two boxes are the same object."""
 
-    likeness: Likeness
+    kind: SimilarityKind
     threshold: float  # Least intersection over union, or largest distance [m]
 
     def __post_init__(self) -> None:
         if self.is_distance and not 0 < self.threshold < math.inf:
-            raise ConfigError(f"match {self.likeness}:{self.threshold:g}: expected a distance above 0 m")
+            raise ConfigError(f"match {self.kind}:{self.threshold:g}: expected a distance above 0 m")
         if not self.is_distance and not 0 < self.threshold <= 1:
-            raise ConfigError(f"match {self.likeness}:{self.threshold:g}: expected above 0 and up to 1")
+            raise ConfigError(f"match {self.kind}:{self.threshold:g}: expected above 0 and up to 1")
 
     @property
     def is_distance(self) -> bool:
         """Whether less is nearer."""
-        return self.likeness in _DISTANCES
+        return self.kind in _DISTANCES
 
     @property
     def floor(self) -> float:
@@ -39,17 +39,17 @@ class Match:
         return -self.threshold if self.is_distance else self.threshold
 
     def __str__(self) -> str:
-        return f"{self.likeness} {self.threshold:g}{' m' if self.is_distance else ''}"
+        return f"{self.kind} {self.threshold:g}{' m' if self.is_distance else ''}"
 
     @classmethod
     def parse(cls, text: str) -> "Match":
         """Read what follows `--match`: `iou3d:0.25`, `bev:2` ... Raises ConfigError where it isn't of this form."""
         name, _, number = text.partition(":")
-        likeness = next((known for known in LIKENESSES if known == name), None)
-        if likeness is None:
-            raise ConfigError(f"--match {text}: unknown '{name}'{did_you_mean(name, LIKENESSES)}")
+        kind = next((known for known in SIMILARITY_KINDS if known == name), None)
+        if kind is None:
+            raise ConfigError(f"--match {text}: unknown '{name}'{did_you_mean(name, SIMILARITY_KINDS)}")
         try:
-            return cls(likeness, float(number))
+            return cls(kind, float(number))
         except ValueError:
             raise ConfigError(f"--match {text}: expected {name}:NUMBER") from None
 

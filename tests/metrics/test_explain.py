@@ -120,7 +120,7 @@ def test_images(make_run: MakeRun) -> None:
         ("a", "hit", "detection 0 is on it, IoU 0.80", 30.0), ("b", "missed", "no detection in this image", 40.0),
         ("a", "hit", "on truth 0, IoU 0.80", None),
     ]  # fmt: skip
-    assert table.estimates[0].likeness == pytest.approx(0.8)
+    assert table.estimates[0].similarity == pytest.approx(0.8)
 
 
 def test_all_fields(make_run: MakeRun) -> None:

@@ -109,8 +109,8 @@ class CocoProfile:
 
     def with_match(self, match: Match) -> Self:
         """Return the profile with a single threshold. Raises ConfigError where it isn't an overlap in images."""
-        if match.likeness != "iou2d":
-            raise ConfigError(f"profile coco: can't match by {match.likeness}, use iou2d")
+        if match.kind != "iou2d":
+            raise ConfigError(f"profile coco: can't match by {match.kind}, use iou2d")
         return replace(self, rules=replace(self.rules, thresholds=(match.threshold,)))
 
     def measure(self, sequence: Sequence) -> CocoStatistics:

@@ -13,7 +13,7 @@ from fbench.replay.geometry.kernels import kernel
 @kernel
 def match_frame(  # noqa: C901  # apart it compiles twice as long
     truth_first: int, truth_stop: int, estimate_first: int, estimate_stop: int, pair_start: Int64,
-    pair_estimate: Int64, pair_likeness: Float64, kept: Bool, matched: Int64, likeness: Float64,
+    pair_estimate: Int64, pair_similarity: Float64, kept: Bool, matched: Int64, similarity: Float64,
 ) -> None:  # fmt: skip
     """Write for the truth rows of a frame which estimate each gets (-1: none) and how alike they are.
 
@@ -29,13 +29,13 @@ def match_frame(  # noqa: C901  # apart it compiles twice as long
             if kept[pair_estimate[p]]:
                 degree[pair_estimate[p] - estimate_first] += 1
     for i in range(truth_first, truth_stop):
-        matched[i], likeness[i] = -1, 0.0
+        matched[i], similarity[i] = -1, 0.0
         own, pair = 0, -1
         for p in range(pair_start[i], pair_start[i + 1]):
             if kept[pair_estimate[p]]:
                 own, pair = own + 1, p
         if own == 1 and degree[pair_estimate[pair] - estimate_first] == 1:
-            matched[i], likeness[i] = pair_estimate[pair], pair_likeness[pair]
+            matched[i], similarity[i] = pair_estimate[pair], pair_similarity[pair]
         elif own > 0:
             rows[num_left] = i
             num_left += 1
@@ -50,12 +50,12 @@ def match_frame(  # noqa: C901  # apart it compiles twice as long
         cost[r, num_columns + r] = num_left + 1.0
         for p in range(pair_start[i], pair_start[i + 1]):
             if kept[pair_estimate[p]]:
-                cost[r, pair_estimate[p] - estimate_first] = 1.0 - pair_likeness[p]
+                cost[r, pair_estimate[p] - estimate_first] = 1.0 - pair_similarity[p]
     columns = assign(cost, np.inf)
     for r in range(num_left):
         i, j = rows[r], columns[r]
         if j < num_columns:
-            matched[i], likeness[i] = estimate_first + j, 1.0 - cost[r, j]
+            matched[i], similarity[i] = estimate_first + j, 1.0 - cost[r, j]
 
 
 COUNTS, IGNORED, LEFT_OUT = 0, 1, -1  # What a result is for a class and difficulty
@@ -63,7 +63,7 @@ COUNTS, IGNORED, LEFT_OUT = 0, 1, -1  # What a result is for a class and difficu
 
 @kernel
 def hit_scores(
-    pair_start: Int64, pair_estimate: Int64, pair_likeness: Float64, truth_ignored: Bool, state: Int64,
+    pair_start: Int64, pair_estimate: Int64, pair_similarity: Float64, truth_ignored: Bool, state: Int64,
     score: Float64, overlap: float,
 ) -> Float64:  # fmt: skip
     """Return the score (N,) of the result that each truth row takes, NaN where it isn't a hit.
@@ -78,7 +78,7 @@ def hit_scores(
         for p in range(pair_start[i], pair_start[i + 1]):
             j = pair_estimate[p]
             free = state[j] != LEFT_OUT and not taken[j]
-            if free and pair_likeness[p] > overlap and (best < 0 or score[j] > score[best]):
+            if free and pair_similarity[p] > overlap and (best < 0 or score[j] > score[best]):
                 best = j
         if best >= 0:
             taken[best] = True
@@ -89,7 +89,7 @@ def hit_scores(
 
 @kernel
 def count_at(  # noqa: C901  # zeroed in loops, which compile faster than `np.zeros`
-    pair_start: Int64, pair_estimate: Int64, pair_likeness: Float64, truth_ignored: Bool, state: Int64,
+    pair_start: Int64, pair_estimate: Int64, pair_similarity: Float64, truth_ignored: Bool, state: Int64,
     score: Float64, overlap: float, covered: Bool, turned: Float64, thresholds: Float64,
 ) -> tuple[Int64, Int64]:  # fmt: skip
     """Return counts (K, 3) of hits, false positives and misses at each threshold, and digits (K, LIMBS) of the sum of
@@ -109,7 +109,7 @@ def count_at(  # noqa: C901  # zeroed in loops, which compile faster than `np.ze
             taken[j] = False
         for i in range(len(truth_ignored)):
             best = _nearest(
-                pair_start[i], pair_start[i + 1], pair_estimate, pair_likeness, state, score, overlap, thresholds[k],
+                pair_start[i], pair_start[i + 1], pair_estimate, pair_similarity, state, score, overlap, thresholds[k],
                 taken,
             )  # fmt: skip
             if best >= 0:
@@ -128,16 +128,16 @@ def count_at(  # noqa: C901  # zeroed in loops, which compile faster than `np.ze
 
 @kernel
 def _nearest(
-    start: int, stop: int, pair_estimate: Int64, pair_likeness: Float64, state: Int64, score: Float64,
+    start: int, stop: int, pair_estimate: Int64, pair_similarity: Float64, state: Int64, score: Float64,
     overlap: float, threshold: float, taken: Bool,
 ) -> int:  # fmt: skip
     """Return the pair with the largest overlap; the first ignored result only where no other is near enough."""
     best, is_ignored = -1, False
     for p in range(start, stop):
         j = pair_estimate[p]
-        if state[j] == LEFT_OUT or taken[j] or score[j] < threshold or not pair_likeness[p] > overlap:
+        if state[j] == LEFT_OUT or taken[j] or score[j] < threshold or not pair_similarity[p] > overlap:
             continue
-        if state[j] == COUNTS and (best < 0 or is_ignored or pair_likeness[p] > pair_likeness[best]):
+        if state[j] == COUNTS and (best < 0 or is_ignored or pair_similarity[p] > pair_similarity[best]):
             best, is_ignored = p, False
         elif state[j] == IGNORED and best < 0:
             best, is_ignored = p, True
@@ -160,7 +160,7 @@ NUM_COUNTS = 14
 
 @kernel
 def count_passes(  # noqa: C901  # apart it compiles twice as long
-    truth_start: Int64, estimate_start: Int64, pair_start: Int64, pair_estimate: Int64, pair_likeness: Float64,
+    truth_start: Int64, estimate_start: Int64, pair_start: Int64, pair_estimate: Int64, pair_similarity: Float64,
     truth_ignored: Bool, track_start: Int64, track_rows: Int64, estimate_track: Int64, excusable: Bool,
     track_size: Int64, track_score: Float64, valid: Bool, thresholds: Float64, is_first: bool,
 ) -> tuple[Int64, Float64, Int64]:  # fmt: skip
@@ -168,10 +168,10 @@ def count_passes(  # noqa: C901  # apart it compiles twice as long
 
     `track_score` (T,) and `valid` (M,) go on from pass to pass and are changed: AB3DMOT averages a track's scores
     anew before each pass but the first, and what was matched once is never excused again.
-    The sums are those of likeness over matches, and of the mean likeness over frames, 1 where nothing is matched.
+    The sums are those of similarity over matches, and of the mean similarity over frames, 1 where nothing is matched.
     """
     counts, sums = np.empty((len(thresholds), NUM_COUNTS), np.int64), np.empty((len(thresholds), 2))
-    matched, likeness = np.empty(len(truth_ignored), np.int64), np.empty(len(truth_ignored))
+    matched, similarity = np.empty(len(truth_ignored), np.int64), np.empty(len(truth_ignored))
     kept = np.empty(len(valid), np.bool_)
     for i in range(len(matched)):
         matched[i] = -1
@@ -190,18 +190,18 @@ def count_passes(  # noqa: C901  # apart it compiles twice as long
 
         for s in range(len(truth_start) - 1):
             t0, t1, e0, e1 = truth_start[s], truth_start[s + 1], estimate_start[s], estimate_start[s + 1]
-            match_frame(t0, t1, e0, e1, pair_start, pair_estimate, pair_likeness, kept, matched, likeness)
+            match_frame(t0, t1, e0, e1, pair_start, pair_estimate, pair_similarity, kept, matched, similarity)
             hits, total = 0, 0.0
             for i in range(t0, t1):
                 if matched[i] >= 0:
                     valid[matched[i]] = True
                     counts[k, TP] += 1
-                    sums[k, 0] += likeness[i]
+                    sums[k, 0] += similarity[i]
                     if truth_ignored[i]:
                         counts[k, IGNORED_TP] += 1
                     else:
                         hits += 1
-                        total += likeness[i]
+                        total += similarity[i]
                 else:
                     counts[k, IGNORED_FN if truth_ignored[i] else FN] += 1
                 if not truth_ignored[i]:

@@ -10,7 +10,7 @@ import numpy as np
 from fbench.metrics.profiles.kitti import rows
 from fbench.metrics.profiles.kitti.rows import KittiClass, Pairs, Tables
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.profiles import Facts, Headlines, Likeness, Match
+from fbench.replay.contracts.profiles import Facts, Headlines, Match, SimilarityKind
 from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Objects, Sequence
@@ -72,14 +72,19 @@ class ObjectTable:
 
 
 def object_table(
-    sequence: Sequence, kind: ObjectClass, difficulties: Many[Difficulty], likeness: Likeness, least: float, sort: bool
+    sequence: Sequence,
+    kind: ObjectClass,
+    difficulties: Many[Difficulty],
+    similarity: SimilarityKind,
+    least: float,
+    sort: bool,
 ) -> ObjectTable:
-    """Select what counts for one class and likeness; pairs are kept from the overlap `least` on.
+    """Select what counts for one class and similarity; pairs are kept from the overlap `least` on.
 
     Results of any class that are low have a part too: the devkit looks at the height first and excuses them. It
     compares orientation, and excuses results in "don't care" regions, in the image only.
     """
-    missing, is_flat, num_steps = "", likeness == "iou2d", len(sequence.steps)
+    missing, is_flat, num_steps = "", similarity == "iou2d", len(sequence.steps)
     for side, objects in (("results", sequence.estimates), ("truth", sequence.truth)):
         boxes = objects.xyxy_px if is_flat else objects.center_m
         if len(objects) and (boxes is None or np.isnan(boxes).all()):
@@ -89,7 +94,7 @@ def object_table(
     results = sequence.estimates[((sequence.estimates.label == kind.label) | low) & (not missing)]
     if sort:
         truth, results = rows.by_content(truth, sequence), rows.by_content(results, sequence)
-    sound_truth, sound = rows.are_sound(truth, likeness, True), rows.are_sound(results, likeness, False)
+    sound_truth, sound = rows.are_sound(truth, similarity, True), rows.are_sound(results, similarity, False)
     num_bad_truth, num_bad_results = (~sound_truth).sum(), (~sound & (results.label == kind.label)).sum()
     truth, results = truth[sound_truth], results[sound]
     height, truth_ignored, state = np.abs(_heights(results)), [], []
@@ -100,7 +105,7 @@ def object_table(
         excused = (height < one.min_height_px) | rows.outside(results)
         state.append(np.where(excused, IGNORED, np.where(results.label == kind.label, COUNTS, LEFT_OUT)))
     return ObjectTable(
-        pairs=rows.pairs_within(truth, results, num_steps, likeness, least),
+        pairs=rows.pairs_within(truth, results, num_steps, similarity, least),
         truth_ignored=np.stack(truth_ignored),
         state=np.stack(state).astype(np.int64),
         score=results.score,
@@ -136,7 +141,7 @@ def object_scores(
 ) -> list[Score]:
     """Return AP over recalls 1/40 to 1, and over 0, 0.1 to 1 as the benchmark had it until 2019, and in the image AOS.
 
-    Thresholds are found from the scores of all tables, of one class and likeness, at difficulty `d`. A recall that
+    Thresholds are found from the scores of all tables, of one class and similarity, at difficulty `d`. A recall that
     isn't reached has no threshold, and precision 0. Raw counts are those at the lowest threshold.
     """
     # numba takes a while to import
@@ -145,7 +150,7 @@ def object_scores(
 
     overlap, num_truth, scores, has_alpha = match.threshold, 0, [np.zeros(0)], True
     known = [
-        (t.pairs.start, t.pairs.estimate, t.pairs.likeness, t.truth_ignored[d], t.state[d], t.score, overlap)
+        (t.pairs.start, t.pairs.estimate, t.pairs.similarity, t.truth_ignored[d], t.state[d], t.score, overlap)
         for t in tables
     ]
     for table, own in zip(tables, known, strict=True):
@@ -174,7 +179,7 @@ def object_scores(
     why = next((table.missing for table in tables if table.missing), "")
     why = why or ("" if num_truth else "no truth boxes of this difficulty (KITTI's devkit prints 0)")
     kinds = [("ap", counts[:, 0].astype(np.float64), why)]
-    if match.likeness == "iou2d":
+    if match.kind == "iou2d":
         kinds.append(("aos", np.array(turns, np.float64), why or ("" if has_alpha else "no observation angles")))
     result = []
     for name, top, reason in kinds:
@@ -187,7 +192,7 @@ def object_scores(
     return result
 
 
-_LIKENESSES: tuple[Likeness, ...] = ("iou2d", "ioubev", "iou3d")
+_SIMILARITY_KINDS: tuple[SimilarityKind, ...] = ("iou2d", "ioubev", "iou3d")
 
 
 @dataclass(frozen=True)
@@ -220,12 +225,12 @@ class KittiObject:
 
     def with_match(self, match: Match) -> Self:
         """Return the profile with one overlap for all classes. ConfigError if it isn't an intersection over union."""
-        if match.likeness not in _LIKENESSES:
-            raise ConfigError(f"{self.name}: --match {match.likeness}: expected iou2d, ioubev or iou3d")
+        if match.kind not in _SIMILARITY_KINDS:
+            raise ConfigError(f"{self.name}: --match {match.kind}: expected iou2d, ioubev or iou3d")
         return replace(self, classes=tuple(replace(kind, matches=(match,)) for kind in self.classes))
 
     def measure(self, sequence: Sequence) -> Tables[ObjectTable]:
-        """Return what counts in one sequence, a table for each class and likeness."""
+        """Return what counts in one sequence, a table for each class and similarity."""
         kinds = self._kinds().items()
         own = (object_table(sequence, k, self.difficulties, like, least, self.sort) for (k, like), least in kinds)
         return Tables((tuple(own),))
@@ -238,14 +243,14 @@ class KittiObject:
             for kind in self.classes
             for match in kind.matches
             for d in range(len(self.difficulties))
-            for row in object_scores(tables[kind, match.likeness], kind, match, self.difficulties, d, part)
+            for row in object_scores(tables[kind, match.kind], kind, match, self.difficulties, d, part)
         ]
 
-    def _kinds(self) -> dict[tuple[ObjectClass, Likeness], float]:
-        """Which tables there are: class, likeness and least overlap."""
+    def _kinds(self) -> dict[tuple[ObjectClass, SimilarityKind], float]:
+        """Which tables there are: class, similarity and least overlap."""
         return {
-            (kind, likeness): min(match.threshold for match in kind.matches if match.likeness == likeness)
+            (kind, similarity): min(match.threshold for match in kind.matches if match.kind == similarity)
             for kind in self.classes
-            for likeness in _LIKENESSES
-            if any(match.likeness == likeness for match in kind.matches)
+            for similarity in _SIMILARITY_KINDS
+            if any(match.kind == similarity for match in kind.matches)
         }

@@ -8,7 +8,7 @@ import numpy as np
 from fbench.metrics.core.ordering import content_ranks, life_ranks, number_tracks
 from fbench.metrics.core.problem import is_valid
 from fbench.metrics.core.similarity import blocks, image_overlaps
-from fbench.replay.contracts.profiles import Likeness
+from fbench.replay.contracts.profiles import SimilarityKind
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.sequences import Objects, Sequence
 
@@ -57,14 +57,14 @@ def by_content(objects: Objects, sequence: Sequence) -> Objects:
     return objects[np.lexsort((life, box))]
 
 
-def are_sound(objects: Objects, likeness: Likeness, is_truth: bool) -> Bool:
+def are_sound(objects: Objects, similarity: SimilarityKind, is_truth: bool) -> Bool:
     """Tell which objects (N,) are finite boxes with a score, and which truth has a size above 0. The others are faults:
     GT004 of truth, PRD001 of results, which are false positives then.
     """
     if not len(objects):
         return np.zeros(0, np.bool_)
-    good = is_valid(objects, likeness)
-    size = objects.size_lwh_m if likeness != "iou2d" else rectangles(objects)[:, 2:] - rectangles(objects)[:, :2]
+    good = is_valid(objects, similarity)
+    size = objects.size_lwh_m if similarity != "iou2d" else rectangles(objects)[:, 2:] - rectangles(objects)[:, :2]
     return good & np.all(size > 0, axis=1) if is_truth and size is not None else good
 
 
@@ -102,15 +102,15 @@ class Pairs:
     estimate_start: Int64  # (S + 1,)
     start: Int64  # (N + 1,)
     estimate: Int64  # (P,) ascending within a row
-    likeness: Float64  # (P,)
+    similarity: Float64  # (P,)
 
 
-def pairs_within(truth: Objects, estimates: Objects, num_steps: int, likeness: Likeness, least: float) -> Pairs:
+def pairs_within(truth: Objects, estimates: Objects, num_steps: int, similarity: SimilarityKind, least: float) -> Pairs:
     """Return the pairs whose distance, 1 - intersection over union, is at most 1 - `least`.
 
     That is AB3DMOT's rule, which rounds the difference; the object benchmark's, above `least`, is stricter.
     """
-    found = blocks(truth, estimates, num_steps, likeness)
+    found = blocks(truth, estimates, num_steps, similarity)
     near = 1 - found.values <= 1 - least
     row, column = found.pairs[0][near], found.pairs[1][near]
     start = np.searchsorted(row, np.arange(len(truth) + 1))

@@ -54,7 +54,7 @@ def track_table(sequence: Sequence, kind: KittiClass, rules: TrackRules) -> Trac
         if (row := find_twice(objects.step, objects.track_id)) is not None:
             where = f"{sequence.name}: frame {steps.frame[objects.step[row]]}"
             raise MetricError(f"{where}: {side} has id {objects.track_id[row]} twice", "GT003")
-        good = rows.are_sound(objects, match.likeness, side == "truth")
+        good = rows.are_sound(objects, match.kind, side == "truth")
         sides.append(rows.by_content(objects[good], sequence))
         num_bad.append(int((~good).sum()))
     truth, results = sides
@@ -68,7 +68,7 @@ def track_table(sequence: Sequence, kind: KittiClass, rules: TrackRules) -> Trac
     track_rows, track_size = np.argsort(truth_track, kind="stable"), np.bincount(estimate_track).astype(np.int64)
     return TrackTable(
         num_frames=len(steps),
-        pairs=rows.pairs_within(truth, results, len(steps), match.likeness, match.threshold),
+        pairs=rows.pairs_within(truth, results, len(steps), match.kind, match.threshold),
         truth_ignored=ignored | (truth.label == kind.neighbor),
         track_start=np.searchsorted(truth_track[track_rows], np.arange(truth_track.max(initial=-1) + 2)),
         track_rows=track_rows,
@@ -105,8 +105,8 @@ class Pass:
     gt: int  # Truth boxes that count
     results: int
     ignored_results: int
-    likeness: float  # Sum over `tp`
-    frame_likeness: float  # Sum over frames of the mean over matches that count, 1 where there are none
+    similarity: float  # Sum over `tp`
+    frame_similarity: float  # Sum over frames of the mean over matches that count, 1 where there are none
 
     @property
     def mota(self) -> float | None:
@@ -123,8 +123,8 @@ class Pass:
 
     @property
     def motp(self) -> float:
-        """Mean likeness of matches, 0 where there are none."""
-        return self.likeness / self.tp if self.tp else 0.0
+        """Mean similarity of matches, 0 where there are none."""
+        return self.similarity / self.tp if self.tp else 0.0
 
 
 def run_passes(tables: Many[TrackTable], num_recalls: int) -> tuple[list[Pass], Pass]:
@@ -158,7 +158,7 @@ class _Walk:
 
         table, pairs = self._table, self._table.pairs
         counts, sums, self._matched = count_passes(
-            pairs.truth_start, pairs.estimate_start, pairs.start, pairs.estimate, pairs.likeness, table.truth_ignored,
+            pairs.truth_start, pairs.estimate_start, pairs.start, pairs.estimate, pairs.similarity, table.truth_ignored,
             table.track_start, table.track_rows, table.estimate_track, table.excusable, table.track_size, self._score,
             self._valid, np.array(thresholds, np.float64), is_first,
         )  # fmt: skip

@@ -43,10 +43,10 @@ def track_scores(tables: Many[TrackTable], label: str, rules: TrackRules, part: 
     ]
     ratios = [
         ("mota", best.mota, "1", no_mota),
-        ("motp", _ratio(best.likeness, best.tp), "IoU", no_match),
+        ("motp", _ratio(best.similarity, best.tp), "IoU", no_match),
         ("motal", 1 - (best.fn + best.fp + log_ids) / best.gt if best.gt else None, "1", no_mota),
         ("moda", 1 - (best.fn + best.fp) / best.gt if best.gt else None, "1", no_mota),
-        ("modp", _ratio(best.frame_likeness, frames), "IoU", no_frame),
+        ("modp", _ratio(best.frame_similarity, frames), "IoU", no_frame),
         ("recall", _ratio(best.tp, truth), "1", no_object),
         ("precision", _ratio(best.tp, best.tp + best.fp), "1", no_result),
         ("f1", _ratio(2 * best.tp, 2 * best.tp + best.fn + best.fp), "1", no_box),
@@ -57,7 +57,7 @@ def track_scores(tables: Many[TrackTable], label: str, rules: TrackRules, part: 
     known = {name: getattr(best, name) for name in ("tp", "itp", "fp", "fn", "ifn", "ids", "frag", "mt", "pt", "ml")}
     counts = {
         **known, "gt": best.gt, "frames": frames, "gt_tracks": truth_tracks, "ignored_gt_tracks": best.ignored_tracks,
-        "iou_sum": best.likeness, "frame_iou_sum": best.frame_likeness, "invalid_truth": bad_truth,
+        "iou_sum": best.similarity, "frame_iou_sum": best.frame_similarity, "invalid_truth": bad_truth,
         "invalid_results": bad_results,
     }  # fmt: skip
     printed = {name: known[name] for name in ("ids", "frag", "tp", "itp", "fp", "fn", "ifn")} | {
@@ -116,9 +116,9 @@ class Kitti3dMot:
         return frozenset(label for kind in self.classes for label in kind.labels)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another threshold, on `iou3d` or `iou2d`. Raises ConfigError for other likenesses."""
-        if match.likeness not in ("iou3d", "iou2d"):
-            raise ConfigError(f"{self.name}: --match {match.likeness}: expected iou3d or iou2d")
+        """Return the profile with another threshold, on `iou3d` or `iou2d`. Raises ConfigError for others."""
+        if match.kind not in ("iou3d", "iou2d"):
+            raise ConfigError(f"{self.name}: --match {match.kind}: expected iou3d or iou2d")
         return replace(self, rules=replace(self.rules, match=match))
 
     def measure(self, sequence: Sequence) -> Tables[TrackTable]:

@@ -91,6 +91,6 @@ class TrackingSettings:
 
 def center_distance(profile: str, match: Match) -> float:
     """Return the distance [m] of a match by centers in the ground plane. Raises ConfigError for any other match."""
-    if match.likeness != "bev":
+    if match.kind != "bev":
         raise ConfigError(f"{profile} matches by center distance only, such as bev:2, not {match}")
     return match.threshold

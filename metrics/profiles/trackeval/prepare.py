@@ -35,7 +35,7 @@ class Preparation:
     """Results are matched with truth of any label before distractors excuse them; else with class and distractors."""
     excuse_floor: float | None = 0.5
     """Results that match a distractor, or truth too hard to count, with this intersection over union are left out
-    (other likenesses: with the threshold of the match); `None`: no result is excused."""
+    (other similarities: with the threshold of the match); `None`: no result is excused."""
     max_truncation: float | None = None  # Truth beyond this level, rounded towards 0, is too hard to count
     max_occlusion: float | None = None
     drops_ignored: bool = False  # Truth marked `ignore` doesn't count, and excuses nothing
@@ -117,7 +117,7 @@ def _problem(
     """Leave out of truth and estimates that have to do with one class what is excused."""
     steps = sequence.steps
     truth, estimates = _columns(sequence.truth, rows[0], match), _columns(sequence.estimates, rows[1], match)
-    pairs = blocks(truth, estimates, len(steps), match.likeness, sequence.ego_m)
+    pairs = blocks(truth, estimates, len(steps), match.kind, sequence.ego_m)
     counts = _select_labels(truth, rule.labels) if rule.labels else np.ones(len(truth), bool)  # is to be found
     limits = (truth.truncation, preparation.max_truncation), (truth.occlusion, preparation.max_occlusion)
     for level, limit in limits:
@@ -150,7 +150,7 @@ def _excuse(
     p, alone = preparation, np.zeros(len(estimates), bool)
     if p.excuse_floor is None or not len(estimates):
         return alone
-    floor = p.excuse_floor if match.likeness == "iou2d" else match.floor
+    floor = p.excuse_floor if match.kind == "iou2d" else match.floor
     offset = 2 * match.threshold if match.is_distance else 0.0  # makes similarities of pairs above the floor positive
     truth_of = partners(pairs, floor - _EPS, offset)
     excuses = _select_labels(truth, rule.distractors)
@@ -171,7 +171,7 @@ def _excuse(
 def _columns(objects: Objects, rows: Int64, match: Match) -> Objects:
     """Rows (K,) of the columns that are looked at: copying all takes longer than counting."""
     names = ["step", "label", "track_id", "score", "xyxy_px", "occlusion", "truncation", "ignore"]
-    names += [] if match.likeness == "iou2d" else ["center_m", "size_lwh_m", "yaw_rad"]
+    names += [] if match.kind == "iou2d" else ["center_m", "size_lwh_m", "yaw_rad"]
     found = ((name, getattr(objects, name)) for name in names)
     return Objects(**{name: column[rows] for name, column in found if column is not None})
 

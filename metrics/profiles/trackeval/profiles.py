@@ -30,7 +30,7 @@ class _Block(NamedTuple):
 
 
 def _blocks(c: ClassCounts, part: str, match: Match) -> list[_Block]:
-    hota, own, at = c.hota, str(match), f"{match}, similarity" if match.is_distance else match.likeness
+    hota, own, at = c.hota, str(match), f"{match}, similarity" if match.is_distance else match.kind
     by_alpha = [of.alpha_fields(hota, a) for a in range(len(LABELS))]
     sums = {"hota_tp": sum(hota.tp), "hota_fn": sum(hota.fn), "hota_fp": sum(hota.fp)}
     boxes: dict[str, int | float] = {
@@ -86,7 +86,7 @@ class TracksProfile(ABC):
         return self.preparation.result_labels
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another likeness or threshold.
+        """Return the profile with another similarity or threshold.
 
         Distances d rate matches in TrackEval's profiles as it rates them in MOT15's 3D: CLEAR by 1 - d / (2 threshold),
         its default, HOTA by max(0, 1 - d / threshold).

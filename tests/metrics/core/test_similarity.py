@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from fbench.metrics.core.similarity import blocks, image_overlaps
 from fbench.replay.contracts.errors import MetricError
-from fbench.replay.contracts.profiles import LIKENESSES, Likeness
+from fbench.replay.contracts.profiles import SIMILARITY_KINDS, SimilarityKind
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.sequences import Objects
 from fbench.replay.geometry.iou import distance_bev, iou_2d
@@ -31,17 +31,17 @@ def random_objects(seed: int, num: int, num_steps: int) -> Objects:
     return objects(*map(tuple, values.tolist()), step=step)
 
 
-def similarity(truth: Objects, estimates: Objects, likeness: Likeness, ego: object = None) -> Float64:
+def similarity(truth: Objects, estimates: Objects, kind: SimilarityKind, ego: object = None) -> Float64:
     """The matrix of a single step."""
-    return blocks(truth, estimates, 1, likeness, ego).values.reshape(len(truth), len(estimates))
+    return blocks(truth, estimates, 1, kind, ego).values.reshape(len(truth), len(estimates))
 
 
-@pytest.mark.parametrize("likeness", LIKENESSES)
-def test_layout_and_independence_of_what_stands_beside(likeness: Likeness) -> None:
+@pytest.mark.parametrize("kind", SIMILARITY_KINDS)
+def test_layout_and_independence_of_what_stands_beside(kind: SimilarityKind) -> None:
     truth, estimates = random_objects(1, 40, 6), random_objects(2, 50, 6)
     ego = np.random.Generator(np.random.PCG64(3)).uniform(-9, 9, (6, 3))
     starts = truth.starts(6), estimates.starts(6)
-    pairs = blocks(truth, estimates, 6, likeness, ego)
+    pairs = blocks(truth, estimates, 6, kind, ego)
     flat, block_start = pairs.values, pairs.start
     assert len(flat) == block_start[-1] == sum(
         int((truth.step == s).sum() * (estimates.step == s).sum()) for s in range(6)
@@ -53,7 +53,7 @@ def test_layout_and_independence_of_what_stands_beside(likeness: Likeness) -> No
         for i, row in enumerate(rows):
             for j, column in enumerate(columns):
                 a, b = replace(truth[row : row + 1], step=alone), replace(estimates[column : column + 1], step=alone)
-                assert similarity(a, b, likeness, ego[s : s + 1])[0, 0] == block[i, j]
+                assert similarity(a, b, kind, ego[s : s + 1])[0, 0] == block[i, j]
 
 
 def test_rectangles_and_distances_are_those_of_geometry() -> None:
@@ -123,26 +123,26 @@ def corners(boxes: Objects, i: int) -> Float64:
     return boxes.center_m[i, :2] + (signs * boxes.size_lwh_m[i, :2]) @ np.array([[cos, sin], [-sin, cos]])
 
 
-@pytest.mark.parametrize("likeness", LIKENESSES)
-def test_what_is_not_finite_is_like_nothing(likeness: Likeness) -> None:
+@pytest.mark.parametrize("kind", SIMILARITY_KINDS)
+def test_what_is_not_finite_is_like_nothing(kind: SimilarityKind) -> None:
     good = objects(CAR)
     for bad in (objects((np.nan, *CAR[1:])), objects((1e12, *CAR[1:]))):
-        assert similarity(bad, good, likeness).tolist() == similarity(good, bad, likeness).tolist() == [[-np.inf]]
+        assert similarity(bad, good, kind).tolist() == similarity(good, bad, kind).tolist() == [[-np.inf]]
 
 
 def test_negative_sizes_are_like_nothing_and_no_size_is_no_overlap() -> None:
     good, negative, flat = objects(CAR), objects((10, 0, 0, -4, 2, 1, 0)), objects((10, 0, 0, 0, 2, 0, 0))
-    for likeness in ("iou2d", "ioubev", "iou3d"):
-        assert similarity(good, negative, likeness).tolist() == [[-np.inf]]
-        assert similarity(good, flat, likeness).tolist() == similarity(flat, flat, likeness).tolist() == [[0.0]]
+    for kind in ("iou2d", "ioubev", "iou3d"):
+        assert similarity(good, negative, kind).tolist() == [[-np.inf]]
+        assert similarity(good, flat, kind).tolist() == similarity(flat, flat, kind).tolist() == [[0.0]]
     assert similarity(good, negative, "plane").tolist() == [[-np.inf]]
     assert similarity(good, negative, "bev").tolist() == [[0.0]]
 
 
-@pytest.mark.parametrize("likeness", LIKENESSES)
-def test_without_boxes(likeness: Likeness) -> None:
+@pytest.mark.parametrize("kind", SIMILARITY_KINDS)
+def test_without_boxes(kind: SimilarityKind) -> None:
     nothing = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
-    pairs = blocks(nothing, objects(CAR), 2, likeness)
+    pairs = blocks(nothing, objects(CAR), 2, kind)
     assert pairs.values.shape == (0,)
     assert pairs.start.tolist() == [0, 0, 0]
 

@@ -53,7 +53,7 @@ def test_interruptions_and_lives() -> None:
 
 
 def test_hota_depends_on_how_near_matches_are() -> None:
-    """1 m of 2 m is a likeness of 0.5: found at the thresholds 0.05 to 0.5, 10 of 19."""
+    """1 m of 2 m is a similarity of 0.5: found at the thresholds 0.05 to 0.5, 10 of 19."""
     found = values(sequence(line("1"), line("5", 11.0), 1))
     assert (found["hota"], found["deta"], found["assa"]) == (pytest.approx(10 / 19),) * 3
     assert (found["loca"], found["motp"]) == (pytest.approx(0.5), 1.0)

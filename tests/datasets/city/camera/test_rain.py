@@ -42,10 +42,10 @@ def test_both_cameras_of_a_pair_see_the_same_drops(streaks):
     """Two cameras 2 cm apart: at f = 200 px, drops move by 4 px at 1 m and by 1 px at 4 m."""
     left, right = streaks(30.0, y=0.01)[..., 0], streaks(30.0, y=-0.01)[..., 0]
 
-    def likeness(shift):
+    def similarity(shift):
         return float(np.corrcoef(left[:, 10:-10].ravel(), np.roll(right, shift, axis=1)[:, 10:-10].ravel())[0, 1])
 
-    assert max(likeness(k) for k in range(1, 5)) > 3 * abs(likeness(-4))
+    assert max(similarity(k) for k in range(1, 5)) > 3 * abs(similarity(-4))
 
 
 def test_wet_ground_mirrors_what_stands_on_it(look, ground, spec):

@@ -29,7 +29,7 @@ def test_ap_and_aos_are_openpcdets(case):
                 for metric, suffix in (("ap", "_R40"), ("ap11", ""), ("aos", "_R40"), ("aos11", "")):
                     if metric[:3] == "aos" and m > 0:
                         continue
-                    name = ("aos" if metric[:3] == "aos" else KINDS[match.likeness]) + suffix
+                    name = ("aos" if metric[:3] == "aos" else KINDS[match.kind]) + suffix
                     own = rows[kind.label, str(match), f"all, {difficulty.name}", metric]
                     wanted = REFERENCE[case][name][c][d][int(m > 2)] / 100
                     if own.value is None or abs(own.value - wanted) > 1e-9:
