@@ -86,8 +86,8 @@ class Draft:
     def discard(self) -> None:
         """Leave nothing behind; does nothing after `publish`."""
         if self._number is not None:
+            self._settle()  # before the draft's name is free: then the next writer may be replacing the target
             remove(self.path)
-            self._settle()
             self._close()
 
     def _lock(self) -> int | None:

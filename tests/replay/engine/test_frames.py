@@ -215,3 +215,9 @@ def test_time_never_stands_still_within_a_segment(items, offsets, source, frames
 
 def usable(log, offsets):
     return bool(log.items) and set(offsets) <= set(log.rig.mounts)
+
+
+def test_progress_counts_the_frames_that_are_done(tmp_path):
+    done = []
+    play(drive(4), tmp_path / "run", progress=done.append)
+    assert done == [1, 2, 3, 4]

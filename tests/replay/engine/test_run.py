@@ -395,9 +395,3 @@ def test_cloud_that_was_skipped_is_said_to_be(tmp_path):
     run = play(FakeLog([broken, cloud(100 * MS), scan(0), scan(100 * MS)]), tmp_path / "run")
     assert run.frames[0].missing == {"lidar": "skipped: mostly non-finite points"}
     assert run.frames[1].missing == {}
-
-
-def test_progress_counts_the_frames_that_are_done(tmp_path):
-    done = []
-    play(drive(4), tmp_path / "run", progress=done.append)
-    assert done == [1, 2, 3, 4]

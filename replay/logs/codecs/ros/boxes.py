@@ -151,7 +151,7 @@ what, are length, width and height. A radius counts twice.
 """
 
 
-def derived_objects(message: Any, encoding: str, origin: Origin) -> TruthPart:
+def decode_derived_objects(message: Any, encoding: str, origin: Origin) -> TruthPart:
     """Read an ObjectArray of derived_object_msgs, whose objects may have coordinate frames of their own; its twist is
     in the axes of the header. Raises DecodeError where a shape isn't a box, sphere or cylinder.
     """

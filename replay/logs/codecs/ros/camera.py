@@ -69,7 +69,7 @@ def raw_image(kind: str, image: RawImage, encoding: str, origin: Origin) -> Imag
     return Image(origin.sensor, image.header.stamp_ns, origin.log_ns, pixels, name, size_wh, origin.frame_number)
 
 
-def compressed_image(kind: str, image: CompressedImage, encoding: str, origin: Origin) -> Image:
+def decode_compressed_image(kind: str, image: CompressedImage, encoding: str, origin: Origin) -> Image:
     """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways. Raises
     DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
     """

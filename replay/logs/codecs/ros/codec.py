@@ -46,7 +46,7 @@ _TYPES: Mapping[str, _Type] = {
         ("camera",), camera.raw_image, probe=camera.probe_image, layout=camera.read_raw_image
     ),
     "sensor_msgs/msg/CompressedImage": _Type(
-        ("camera",), camera.compressed_image, probe=camera.probe_image, layout=camera.read_compressed_image
+        ("camera",), camera.decode_compressed_image, probe=camera.probe_image, layout=camera.read_compressed_image
     ),
     "sensor_msgs/msg/CameraInfo": _Type(("calibration",), calibration=camera.camera_model),
     "radar_msgs/msg/RadarScan": _Type(("radar",), clouds.radar_scan),
@@ -63,7 +63,7 @@ _TYPES: Mapping[str, _Type] = {
         for package in ("autoware_perception_msgs", "autoware_auto_perception_msgs")
         for name in ("Detected", "Tracked", "Predicted")
     },
-    "derived_object_msgs/msg/ObjectArray": _Type(("truth",), truth=boxes.derived_objects, needs_definition=True),
+    "derived_object_msgs/msg/ObjectArray": _Type(("truth",), truth=boxes.decode_derived_objects, needs_definition=True),
     "foxglove_msgs/msg/SceneUpdate": _Type(("truth",), truth=boxes.scene_update, needs_definition=True),
     "visualization_msgs/msg/MarkerArray": _Type(("detections",), truth=boxes.marker_boxes),
 }
