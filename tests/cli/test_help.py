@@ -19,3 +19,13 @@ def test_defaults_are_shown(fbench, monkeypatch, command, words):
     assert result.code == 0
     assert [word for word in words if word not in text] == []
     assert "…" not in text
+
+
+def test_help_shows_examples(fbench):
+    commands = ("demo", "replay", "score", "report", "compare", "plugins", "log info", "log import")
+    for command in commands:
+        result = fbench(*command.split(), "--help")
+        assert result.code == 0
+        assert "Examples" in result.out, command
+        assert f"fbench {command}" in result.out
+    assert "replay" in fbench().out

@@ -265,16 +265,6 @@ def test_usage_errors_are_one_line(fbench, log):
     fails(fbench("replay", log, "-p", "lidar3d", "--frames"), 2, "--frames")
 
 
-def test_help_shows_examples(fbench):
-    commands = ("demo", "replay", "score", "report", "compare", "plugins", "log info", "log import")
-    for command in commands:
-        result = fbench(*command.split(), "--help")
-        assert result.code == 0
-        assert "Examples" in result.out, command
-        assert f"fbench {command}" in result.out
-    assert "replay" in fbench().out
-
-
 def test_infinite_durations_are_no_limit(fbench, log, still):
     limits = ("--timeout-ms", "inf", "--tolerance-ms", "inf", "--max-gap-s", "inf")
     assert fbench("replay", log, "-p", still(), *limits).code == 0
