@@ -1,7 +1,9 @@
 """Messages to and from a program: requests that leave points and images where they are, and checked responses."""
 
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufError
@@ -10,7 +12,8 @@ from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.arrays import Array, text_array
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
-from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.frames import Fault, Frame, Output
+from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.data.rig import LogInfo, Rig
 
@@ -38,6 +41,42 @@ def hello(rig: Rig, info: LogInfo) -> schema.Hello:
 def small_request(sequence: int, hello: schema.Hello | None = None, reset: schema.Reset | None = None) -> Pieces:
     """Return a request without bulk data."""
     return [schema.Request(sequence=sequence, hello=hello, reset=reset).SerializeToString()]
+
+
+@dataclass(frozen=True)
+class DecodedFrame:
+    """A frame in which pictures of videos are raw images."""
+
+    frame: Frame
+    missing: Mapping[str, str]  # Cameras whose picture is damaged, with the reason
+    faults: Sequence[Fault]
+    stage_ns: Mapping[str, int]  # How long decoding took, where there was video
+
+    def complete(self, output: Output) -> Output:
+        """Return what a program made of the frame, with what was met before it got it."""
+        if not self.stage_ns:
+            return output
+        faults, missing = (*self.faults, *output.faults), {**self.missing, **output.missing}
+        stages = {**self.stage_ns, **output.stage_ns} if output.clock == "host" else output.stage_ns
+        return replace(output, faults=faults, missing=missing, stage_ns=stages)
+
+
+def decode_videos(frame: Frame) -> DecodedFrame:
+    """Decode the pictures of videos, since a program gets no packet of those between; damaged ones are missing."""
+    shown, missing, faults = dict(frame.messages), dict[str, str](), list[Fault]()
+    start_ns = time.perf_counter_ns()
+    for name, message in frame.messages.items():
+        if isinstance(message, Image) and message.video is not None:
+            if (pixels := decode(message)) is None:
+                del shown[name]
+                missing[name] = "video can't be decoded"
+                faults.append(Fault("DEC002", f"{name} at stamp {message.stamp_ns}"))
+            else:
+                shown[name] = replace(message, data=pixels.tobytes(), encoding="bgr8", video=None)
+    if shown == frame.messages:
+        return DecodedFrame(frame, {}, (), {})
+    frame = replace(frame, messages=shown, missing={**frame.missing, **missing})
+    return DecodedFrame(frame, missing, faults, {"decode": time.perf_counter_ns() - start_ns})
 
 
 def frame_request(sequence: int, frame: Frame) -> Pieces:

@@ -103,8 +103,9 @@ class Exec:
                 except RefusedError:
                     self._kill()
                     raise
-            output = self._ask("output", self._params.frame_timeout_s, frame).output
-        result = messages.to_output(output)
+            shown = messages.decode_videos(frame)
+            output = self._ask("output", self._params.frame_timeout_s, shown.frame).output
+        result = shown.complete(messages.to_output(output))
         # Each name of a stage becomes a column of the run: they may not be new in every frame.
         names = dict.fromkeys([*self._stages, *result.stage_ns])
         if len(names) > messages.MAX_STAGES:

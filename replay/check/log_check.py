@@ -31,6 +31,8 @@ _TAIL = 1024  # Some cameras pad their images; the end is looked for in so many 
 
 def _find_damage(image: Image, decode_images: bool) -> str:
     width, height = image.size_wh
+    if image.video is not None:  # what headers tell is found by `clean`
+        return "can't be decoded" if decode_images and not image.video.damage and decode(image) is None else ""
     if image.encoding in LAYOUTS:
         layout = LAYOUTS[image.encoding]
         wanted = layout.num_rows(height) * width * layout.pixel_bytes

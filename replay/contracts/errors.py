@@ -48,6 +48,10 @@ class ConfigError(FbenchError):
     exit_code = EXIT_USAGE
 
 
+class MissingPackageError(ConfigError):
+    """A package of an extra that isn't installed, met when it is needed."""
+
+
 class LogError(FbenchError):
     """A log that can't be used: wrong format, no calibration, no such sensor."""
 

@@ -41,6 +41,8 @@ FAULTS: dict[str, FaultKind] = {
     "DEC001": FaultKind("count", "message can't be decoded"),
     "DEC002": FaultKind("count", "image is corrupt"),
     "DEC003": FaultKind("count", "cloud whose sizes don't fit together, or without coordinates"),
+    "DEC004": FaultKind("count", "picture of a video that lacks what it depends on, lost until the next keyframe"),
+    "DEC005": FaultKind("degrade", "picture of a video before its first keyframe, can't be decoded"),
     "DAT001": FaultKind("count", "cloud with mostly non-finite points skipped"),
     "DAT002": FaultKind("degrade", "empty point cloud"),
     "DAT003": FaultKind("degrade", "points farther away than 1 km; are the units metres?"),

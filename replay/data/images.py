@@ -94,7 +94,11 @@ def pack_rows(
 
 
 def decode(image: Image) -> Pixels | None:
-    """Decode to (H, W, 3) BGR uint8, of raw 16 bits the upper 8; `None` where data are corrupt or sizes don't fit."""
+    """Decode to (H, W, 3) BGR uint8, of raw 16 bits the upper 8; `None` where data are corrupt or sizes don't fit.
+    Raises MissingPackageError where it is a picture of a video, and PyAV isn't installed.
+    """
+    if image.video is not None:
+        return image.video.decode()
     width, height = image.size_wh
     if width * height > MAX_PIXELS or width <= 0 or height <= 0:
         return None
@@ -120,6 +124,8 @@ def decode_grey(image: Image) -> Pixels | None:
     """Decode to (H, W) uint8; of a JPEG that is the brightness it stores, which takes less than half of the time.
     `None` as `decode` gives it.
     """
+    if image.video is not None:
+        return image.video.decode_grey()
     if image.encoding not in LAYOUTS and max(image.size_wh) > 0 and image.size_wh[0] * image.size_wh[1] <= MAX_PIXELS:
         return _decode_compressed(image, is_grey=True)
     import cv2

@@ -5,11 +5,12 @@ Time is `int` nanoseconds. Body: x forward, y left, z up; camera: x right, y dow
 Lengths m, angles rad, image px with pixel centers at integers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from fbench.replay.data.arrays import Array, Float32, Float64, freeze_fields
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.video import VideoPicture
 from fbench.replay.geometry.transforms import pose_matrix
 
 
@@ -24,12 +25,14 @@ class Image:
     """When it was recorded, that is arrived."""
     data: bytes
     encoding: str
-    """`jpeg`, `png`, `webp`, or a raw layout of `data.images.LAYOUTS`: `rgb8`, `mono16`, `bayer_rggb8`, `uyvy` ...;
-    rows without padding, 16 bits little-endian."""
+    """`jpeg`, `png`, `webp`; `h264`, `h265`, `vp9`, `av1` for one picture of a video; or a raw layout of
+    `data.images.LAYOUTS`: `rgb8`, `mono16`, `bayer_rggb8`, `uyvy` ...; rows without padding, 16 bits little-endian."""
     size_wh: tuple[int, int]
     """Width and height [px]."""
     frame_number: int | None = None
     """Number of the frame that the recorder gave to all messages of one instant, where it did."""
+    video: VideoPicture | None = field(default=None, repr=False, metadata={"is_derived": True})
+    """How the picture of a video is decoded, which takes more than its own data."""
 
 
 @dataclass(frozen=True, eq=False)

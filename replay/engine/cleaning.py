@@ -57,9 +57,14 @@ MAX_RANGE_M = 1000.0  # Points farther away are taken as they are, but no sensor
 
 
 def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
-    """Drop and count non-finite points, clouds mostly of such, images of a wrong size, and poses that are invalid."""
+    """Drop and count non-finite points, clouds mostly of such, images of a wrong size or of a video that was broken
+    off, and poses that are invalid.
+    """
     where = f"{message.sensor} at {message.stamp_ns} ns"
     if isinstance(message, Image):
+        if message.video is not None and (damage := message.video.damage):
+            faults.add("DEC004" if message.video.is_lost else "DEC005", f"{where}: {damage}")
+            return Skipped(message.sensor, message.stamp_ns, message.frame_number, f"video {damage}")
         camera = rig.cameras.get(message.sensor)
         if camera is None or camera.size_wh == message.size_wh:
             return message

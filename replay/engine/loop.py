@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fbench.replay.contracts.errors import INTERRUPTS, LogError, RunError, one_line
+from fbench.replay.contracts.errors import INTERRUPTS, LogError, MissingPackageError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
@@ -154,7 +154,7 @@ class _Loop:
                     begins = f"replay begins with frame {frame.index}"
                     pipeline.reset(begins if is_first else self.stream.buffer.breaks[frame.segment - 1])
             output = self._check(pipeline.step(frame))
-        except INTERRUPTS:
+        except (MissingPackageError, *INTERRUPTS):
             raise
         except BaseException as error:
             self._failures += 1

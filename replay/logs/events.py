@@ -7,10 +7,11 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DataError, DecodeError, LogError, PointsError
 from fbench.replay.data.classes import ClassMap
-from fbench.replay.data.messages import Message, Pose, Truth
+from fbench.replay.data.messages import Image, Message, Pose, Truth
 from fbench.replay.logs.arrange import apply_setup
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import Codec, Origin, TruthPart
+from fbench.replay.logs.codecs.video.stream import VideoStreams
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.coordinate_frames import BODIES, invalid
 from fbench.replay.logs.poses import TfPoses, of_body
@@ -29,8 +30,18 @@ class EventDecoder:
         self._calibration, self._container = calibration, calibration.container
         self._roles, self._setup = calibration.roles, calibration.setup
 
-    def message(self, entry: Entry, moving: TfPoses | None = None) -> Message | None:
-        """Decode a measurement or pose; `moving` composes poses from transforms. `None` where it can't be read."""
+    def message(
+        self, entry: Entry, moving: TfPoses | None = None, videos: VideoStreams | None = None
+    ) -> Message | None:
+        """Decode a measurement or pose; `moving` composes poses from transforms, `videos` tells how pictures follow
+        each other. `None` where it can't be read, or is only a part of the next message.
+        """
+        message = self._read(entry, moving)
+        if videos is None or not isinstance(message, Image):
+            return message
+        return videos.take(entry.topic, message)
+
+    def _read(self, entry: Entry, moving: TfPoses | None) -> Message | None:
         role = self._roles[entry.channel]
         try:
             _check(entry)

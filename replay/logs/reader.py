@@ -16,6 +16,7 @@ from fbench.replay.logs.arrange import arrange, box_channels, facts, rename
 from fbench.replay.logs.bursts import MAX_BURST_NS, NUM_PROBED, join_bursts, mean_parts
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, TruthPart
+from fbench.replay.logs.codecs.video.stream import VideoStreams
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames
 from fbench.replay.logs.events import EventDecoder
@@ -142,7 +143,7 @@ class LogReader:
 
     def _events(self, channels: frozenset[int], ticks: frozenset[int] = frozenset()) -> Iterator[tuple[Entry, Event]]:
         """Yield entries with what each holds; changes of the rig come before messages and `ticks`."""
-        changes, moving = self._calibration.changes(), self._calibration.tf.poses()
+        changes, moving, videos = self._calibration.changes(), self._calibration.tf.poses(), VideoStreams()
         for entry in changes.follow(self.container.entries(channels | changes.channels)):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
             is_message = kind in MESSAGES or entry.channel in self._calibration.tf.channels
@@ -150,7 +151,7 @@ class LogReader:
                 for change in changes.until(entry.log_ns):
                     yield entry, change
             if is_message:
-                yield entry, self._decoder.message(entry, moving)
+                yield entry, self._decoder.message(entry, moving, videos)
             elif kind in ("truth", "detections"):
                 yield entry, self._decoder.truth_part(entry)
             else:

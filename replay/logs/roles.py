@@ -2,18 +2,23 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import islice
 
 from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError, UnsupportedError, did_you_mean
-from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, Probe
+from fbench.replay.data.messages import Image
+from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, Origin, Probe
 from fbench.replay.logs.codecs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
+from fbench.replay.logs.codecs.video.stream import OrderProbe
 from fbench.replay.logs.container import Channel, Container, Schema
 from fbench.replay.logs.coordinate_frames import BODIES
 
 STORED = "fbench"  # Encoding of channels whose messages the container gives decoded
 _ROS = ("cdr", "ros1")
 _MAX_TRIES = 10
+_MAX_VIDEO = 300  # Messages in which a keyframe is looked for
 _TRUTH_WORDS = ("truth", "gt", "label", "annotation")
 
 
@@ -118,7 +123,7 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
     frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS}
     shared = Counter(frame for _, frame in frames)
     found: dict[int, Role] = {}
-    for id_, (kind, frame, world) in probes.items():
+    for id_, (kind, frame, world, _) in probes.items():
         topic, codec = topics[id_], codecs[id_]
         if kind in SENSORS:
             is_name = frame and frame not in BODIES and shared[frame] == 1
@@ -141,7 +146,7 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
         if not isinstance(entry.data, memoryview):
             break
         try:
-            return codec.probe(entry.data)
+            return _probe_order(container, channel, codec, codec.probe(entry.data))
         except UnsupportedError as error:
             container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
             return None
@@ -150,6 +155,20 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
             if tried == _MAX_TRIES:
                 break
     return None
+
+
+def _probe_order(container: Container, channel: int, codec: Codec, probe: Probe) -> Probe:
+    """Return what was probed. Raises UnsupportedError where it is a video whose first pictures are out of order."""
+    if not probe.is_video:
+        return probe
+    order = OrderProbe()
+    for entry in islice(container.entries(frozenset([channel])), _MAX_VIDEO):
+        if isinstance(entry.data, memoryview):
+            with suppress(DecodeError):
+                image = codec.message(probe.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
+                if isinstance(image, Image) and order.is_done(image):
+                    break
+    return probe
 
 
 def select(roles: Mapping[int, Role], patterns: Sequence[str]) -> dict[int, Role]:

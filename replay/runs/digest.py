@@ -29,7 +29,7 @@ class Digest:
         """
         if is_dataclass(value) and not isinstance(value, type):
             self._head("dataclass", type(value).__name__)
-            names = sorted(f.name for f in fields(value))
+            names = sorted(f.name for f in fields(value) if "is_derived" not in f.metadata)
             self.add({name: getattr(value, name) for name in names})
         elif isinstance(value, np.ndarray):
             self._add_array(value)

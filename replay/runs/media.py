@@ -1,15 +1,17 @@
 """Images and points of a few frames, kept in the run folder so that a report needs no log."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
+from fbench.replay.contracts.errors import MissingPackageError
 from fbench.replay.data.arrays import Float32
 from fbench.replay.data.frames import Frame
-from fbench.replay.data.images import decode, encode_jpeg, scale_down
+from fbench.replay.data.images import Pixels, decode, encode_jpeg, scale_down
 from fbench.replay.data.messages import Image, PointCloud, RadarScan
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.transforms import transform
@@ -70,15 +72,21 @@ class MediaKeeper:
 
 
 def keep(rig: Rig, frame: Frame) -> MediaFrame:
-    """Scale images down and thin points out; an image that can't be decoded is left out."""
+    """Scale images down and thin points out; an image that can't be decoded is left out, as video is without PyAV."""
     messages = sorted(frame.messages.items())
     pictures: dict[str, Picture] = {}
     for name, m in messages:
-        if isinstance(m, Image) and (pixels := decode(m)) is not None:
+        if isinstance(m, Image) and (pixels := _decode(m)) is not None:
             small = scale_down(pixels, MAX_WIDTH_PX)
             pictures[name] = Picture(encode_jpeg(small), (small.shape[1], small.shape[0]))
     points = {name: _points(rig, m) for name, m in messages if isinstance(m, PointCloud | RadarScan)}
     return MediaFrame(frame.index, pictures, points)
+
+
+def _decode(image: Image) -> Pixels | None:
+    with suppress(MissingPackageError):
+        return decode(image)
+    return None
 
 
 def _points(rig: Rig, message: PointCloud | RadarScan) -> Points:

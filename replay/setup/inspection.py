@@ -189,7 +189,7 @@ def inspect_log(container: Container) -> Inspection:
             message = _decode(topic.role, entry)
             sample = SampledMessage(window, message.stamp_ns, entry.log_ns)
             if isinstance(message, Image):
-                topic.size_wh = topic.size_wh or message.size_wh
+                topic.size_wh = topic.size_wh or (message.size_wh if all(message.size_wh) else None)
             elif isinstance(message, Pose):
                 sample.pose = message
             else:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
@@ -25,6 +26,7 @@ from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split
 from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration
 from fbench.replay.logs.codecs.foxglove.truth import read_boxes
 from fbench.replay.logs.codecs.packed_points import is_radar
+from fbench.replay.logs.codecs.video.stream import find_codec, require_codec
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.coordinate_frames import Edge
 
@@ -32,8 +34,9 @@ _MAX_BYTES = 8 * 2**20
 """As of messages of ROS: an entity that says nothing takes two bytes, and a hundred times that in memory."""
 
 
-_SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[CompressedImage | RawImage | CloudProto] | None]] = {
+_SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[messages.Bulk] | None]] = {
     "foxglove.CompressedImage": (("camera",), CompressedImage),
+    "foxglove.CompressedVideo": (("camera",), CompressedVideo),
     "foxglove.RawImage": (("camera",), RawImage),
     "foxglove.PointCloud": (("lidar", "radar"), CloudProto),
     "foxglove.PoseInFrame": (("pose",), None),
@@ -74,12 +77,19 @@ class _FoxgloveCodec:
         proto = parse(message, split(data, message.DATA_FIELD_NUMBER)[0])
         if isinstance(proto, RawImage):
             layout_name(proto.encoding)
+        if isinstance(proto, CompressedVideo):
+            require_codec(proto.format)
+            return Probe(kind, proto.frame_id, is_video=True)
+        if isinstance(proto, CompressedImage) and find_codec(proto.format):
+            return Probe(kind, proto.frame_id, is_video=True)
         if isinstance(proto, CloudProto) and is_radar(field.name for field in proto.fields):
             kind = "radar"
         return Probe(kind, proto.frame_id)
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
         match self.schema, kind:
+            case "foxglove.CompressedVideo", _:
+                return messages.read_video(data, origin)
             case "foxglove.RawImage", _:
                 return messages.read_raw_image(data, origin)
             case _, "camera":

@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField as Field
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseProto
@@ -18,10 +19,12 @@ from fbench.replay.contracts.errors import DecodeError, PointsError, Unsupported
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.images import RAW_CHANNELS, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
+from fbench.replay.data.video import CODECS
 from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split, timestamp
 from fbench.replay.logs.codecs.packed_points import C, Columns, PointField, lidar_sweep, radar_scan
+from fbench.replay.logs.codecs.video.stream import find_codec, peek_size, require_codec
 from fbench.replay.logs.coordinate_frames import BODIES
 
 _TYPES: Mapping[int, str] = {
@@ -30,13 +33,19 @@ _TYPES: Mapping[int, str] = {
 }  # fmt: skip
 _CODES: Mapping[Any, Any] = {np.dtype(name).newbyteorder("<"): code for code, name in _TYPES.items()}
 WORLD = "world"
+Bulk: TypeAlias = CompressedImage | CompressedVideo | RawImage | CloudProto
+"""Messages with bulk data."""
 _IDENTITY = PoseProto(position=Vector3(), orientation=Quaternion(w=1.0))
 _UNSET = PoseProto()
 
 
-def image_proto(image: Image) -> RawImage | CompressedImage:
-    """Encode an image: raw layouts as RawImage, all others as CompressedImage."""
+def image_proto(image: Image) -> RawImage | CompressedImage | CompressedVideo:
+    """Encode an image: raw layouts as RawImage, pictures of a video as CompressedVideo, all others as
+    CompressedImage.
+    """
     stamp, frame_id, data = timestamp(image.stamp_ns), image.sensor, image.data
+    if image.encoding in CODECS:
+        return CompressedVideo(timestamp=stamp, frame_id=frame_id, data=data, format=image.encoding)
     if image.encoding not in RAW_CHANNELS:
         return CompressedImage(timestamp=stamp, frame_id=frame_id, data=data, format=image.encoding)
     (width, height), encoding = image.size_wh, image.encoding
@@ -52,9 +61,24 @@ def read_compressed_image(data: memoryview, origin: Origin) -> Image:
     head, encoded = split(data, CompressedImage.DATA_FIELD_NUMBER)
     proto, pixels = parse(CompressedImage, head), bytes(encoded)
     stamp_ns, size_wh = _stamp_ns(proto, origin), origin.size_wh
+    if size_wh is None and (codec := find_codec(proto.format)):
+        return _picture(pixels, codec, stamp_ns, origin)
     encoding = proto.format if size_wh is not None else sniff_format(encoded)
     size_wh = size_wh or read_size(pixels)
     return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, encoding, size_wh, origin.frame_number)
+
+
+def read_video(data: memoryview, origin: Origin) -> Image:
+    """Decode a CompressedVideo; its size is zero unless it is a keyframe. Raises DecodeError where the message is
+    damaged, UnsupportedError where the form isn't known.
+    """
+    head, encoded = split(data, CompressedVideo.DATA_FIELD_NUMBER)
+    proto = parse(CompressedVideo, head)
+    return _picture(bytes(encoded), require_codec(proto.format), _stamp_ns(proto, origin), origin)
+
+
+def _picture(packet: bytes, codec: str, stamp_ns: int, origin: Origin) -> Image:
+    return Image(origin.sensor, stamp_ns, origin.log_ns, packet, codec, peek_size(codec, packet), origin.frame_number)
 
 
 def read_raw_image(data: memoryview, origin: Origin) -> Image:
@@ -180,5 +204,5 @@ def arrays(v: Vector3, q: Quaternion) -> tuple[Float64, Float64]:
     return np.array([v.x, v.y, v.z]), np.array([q.x, q.y, q.z, q.w])
 
 
-def _stamp_ns(proto: RawImage | CompressedImage | CloudProto | PoseInFrame, origin: Origin) -> int:
+def _stamp_ns(proto: Bulk | PoseInFrame, origin: Origin) -> int:
     return nanoseconds(proto.timestamp) if proto.HasField("timestamp") else origin.publish_ns

@@ -11,6 +11,7 @@ from google.protobuf.message import Message as Proto
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.data.video import CODECS
 from fbench.replay.logs.codecs.codec import TruthPart, split_truth
 from fbench.replay.logs.codecs.foxglove import messages
 from fbench.replay.logs.codecs.foxglove.proto import parse, timestamp
@@ -59,7 +60,7 @@ def message_records(message: Message | Truth) -> Iterator[Record]:
     kind, _, encode = _FORMS[type(message)]
     proto = encode(message)
     metadata = {KIND: kind, SENSOR: message.sensor, **numbered}
-    if isinstance(message, Image):
+    if isinstance(message, Image) and message.encoding not in CODECS:  # whose keyframes say it
         width, height = message.size_wh
         metadata[SIZE] = f"{width}x{height}"
     yield Record(message_topic(message), metadata, proto)

@@ -12,6 +12,7 @@ from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import Origin, Probe
 from fbench.replay.logs.codecs.ros.cursor import Cursor, Header
 from fbench.replay.logs.codecs.ros.decoder import get, header
+from fbench.replay.logs.codecs.video.stream import find_codec, peek_size
 
 
 class RawImage(NamedTuple):
@@ -52,12 +53,15 @@ def read_compressed_image(data: memoryview, encoding: str) -> CompressedImage:
 
 
 def probe_image(image: RawImage | CompressedImage, encoding: str) -> Probe:
-    """Tell the coordinate frame. Raises DecodeError where the layout isn't known, or it is depth: no picture."""
+    """Tell the coordinate frame. Raises DecodeError where the layout isn't known, or it is depth: no picture. Some
+    encoders, as those of Isaac ROS, send video as compressed images.
+    """
     if isinstance(image, RawImage):
         layout_name(image.encoding)
     elif "compressedDepth" in image.format or image.format.startswith(DEPTH):
         raise UnsupportedError(f"format '{image.format}' is a depth image, not supported")
-    return Probe("camera", image.header.frame_id)
+    is_video = isinstance(image, CompressedImage) and find_codec(image.format) is not None
+    return Probe("camera", image.header.frame_id, is_video=is_video)
 
 
 def raw_image(kind: str, image: RawImage, encoding: str, origin: Origin) -> Image:
@@ -70,12 +74,14 @@ def raw_image(kind: str, image: RawImage, encoding: str, origin: Origin) -> Imag
 
 
 def decode_compressed_image(kind: str, image: CompressedImage, encoding: str, origin: Origin) -> Image:
-    """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways. Raises
-    DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
+    """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways, unless it
+    is a picture of a video. Raises DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its
+    header is damaged.
     """
     probe_image(image, encoding)
-    name, data = sniff_format(image.data), bytes(image.data)
-    stamp_ns, size_wh = image.header.stamp_ns, read_size(data)
+    data, codec, stamp_ns = bytes(image.data), find_codec(image.format), image.header.stamp_ns
+    name = codec or sniff_format(data)
+    size_wh = peek_size(codec, data) if codec else read_size(data)
     return Image(origin.sensor, stamp_ns, origin.log_ns, data, name, size_wh, origin.frame_number)
 
 

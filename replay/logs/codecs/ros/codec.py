@@ -11,7 +11,7 @@ from fbench.replay.contracts.errors import DataError, DecodeError
 from fbench.replay.data.messages import Message
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import SENSORS, Codec, Origin, Probe, TruthPart
-from fbench.replay.logs.codecs.ros import boxes, camera, clouds, poses
+from fbench.replay.logs.codecs.ros import boxes, camera, clouds, poses, video
 from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1
 from fbench.replay.logs.codecs.ros.decoder import Decode, decoder, header
 from fbench.replay.logs.codecs.ros.definitions import full_name, has_text, types_of
@@ -48,6 +48,19 @@ _TYPES: Mapping[str, _Type] = {
     "sensor_msgs/msg/CompressedImage": _Type(
         ("camera",), camera.decode_compressed_image, probe=camera.probe_image, layout=camera.read_compressed_image
     ),
+    **{
+        name: _Type(("camera",), video.read_video, probe=video.probe_video)
+        for name in (
+            "foxglove_msgs/msg/CompressedVideo",
+            "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+            "ffmpeg_image_transport/msg/FFMPEGPacket",
+            "h264_msgs/msg/Packet",
+            "h264_image_transport/msg/H264Packet",
+            "h264_image_transport_msgs/msg/H264Packet",
+            "x264_image_transport/msg/x264Packet",
+        )
+    },
+    "theora_image_transport/msg/Packet": _Type(("camera",), probe=video.refuse_theora),
     "sensor_msgs/msg/CameraInfo": _Type(("calibration",), calibration=camera.camera_model),
     "radar_msgs/msg/RadarScan": _Type(("radar",), clouds.radar_scan),
     "tf2_msgs/msg/TFMessage": _TF,

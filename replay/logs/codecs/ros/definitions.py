@@ -40,10 +40,19 @@ DEFINITIONS: Mapping[str, str] = {
         "float32[6] position_covariance\nfloat32[6] velocity_covariance\nfloat32[6] acceleration_covariance\n"
         "float32[6] size_covariance",
     "unique_identifier_msgs/msg/UUID": "uint8[16] uuid",
+    "foxglove_msgs/msg/CompressedVideo":
+        "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket":
+        "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
+        "bool is_bigendian\nuint8[] data",
+    "h264_msgs/msg/Packet": "std_msgs/Header header\nuint64 seq\nuint8[] data",
+    "theora_image_transport/msg/Packet":
+        "std_msgs/Header header\nuint8[] data\nint32 b_o_s\nint32 e_o_s\nint64 granulepos\nint64 packetno",
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms",
 }  # fmt: skip
-"""Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2 and tf2_msgs."""
+"""Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2, tf2_msgs,
+foxglove_msgs, ffmpeg_image_transport_msgs 1, h264_msgs and theora_image_transport 5."""
 
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
 _TEXTS = ("ros2msg", "ros1msg")

@@ -1,0 +1,1 @@
+"""Video: what the headers of its packets say, and in which of them decoding can begin. Nothing here decodes."""
