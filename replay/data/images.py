@@ -180,6 +180,14 @@ def sniff_format(data: bytes | memoryview) -> str:
     raise DecodeError("neither a JPEG nor a PNG nor a WebP image")
 
 
+def is_picture(data: bytes | memoryview) -> bool:
+    """Tell whether the first bytes are those of a JPEG, PNG or WebP, whatever a message calls it."""
+    try:
+        return bool(sniff_format(data))
+    except DecodeError:
+        return False
+
+
 def read_size(data: bytes) -> tuple[int, int]:
     """Width and height [px] as the header says. Raises DecodeError for other formats, or where it is damaged."""
     return _SIZES[sniff_format(data)](data)

@@ -43,6 +43,11 @@ class VideoPicture:
     damage: str = ""  # Why there is no picture; empty: it can be decoded, as far as headers tell
     is_lost: bool = True  # Whether what it lacks was lost, or was never recorded
 
+    @property
+    def is_start(self) -> bool:
+        """Whether decoding begins with it."""
+        return self.index == 0 and isinstance(self.source, Stretch)
+
     def decode(self) -> Pixels | None:
         """Decode to (H, W, 3) BGR uint8; `None` where it is damaged. Raises MissingPackageError without PyAV."""
         return None if (frame := self._frame()) is None else _to_bgr(frame)

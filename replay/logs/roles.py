@@ -9,6 +9,7 @@ from itertools import islice
 
 from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError, UnsupportedError, did_you_mean
 from fbench.replay.data.messages import Image
+from fbench.replay.data.video import CODECS
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, Origin, Probe
 from fbench.replay.logs.codecs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
 from fbench.replay.logs.codecs.video.stream import OrderProbe
@@ -37,6 +38,7 @@ class Role:
     size_wh: tuple[int, int] | None = None
     world: str = ""  # Coordinate frame in which poses are given, where messages name it
     is_own: bool = False  # Whether fbench wrote the channel
+    is_video: bool = False  # Whether images are pictures of a video
 
     @property
     def is_static(self) -> bool:
@@ -112,7 +114,8 @@ def _read_own(channel: Channel, codec: Codec | None) -> Role | None:
     width, _, height = channel.metadata.get(SIZE, "").partition("x")
     size_wh = (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
     numbered = channel.metadata.get(FRAME_NUMBER) == SEQUENCE
-    return Role(kind, channel.topic, sensor, sensor, codec, numbered, size_wh, is_own=True)
+    is_video = channel.schema_name == "foxglove.CompressedVideo"
+    return Role(kind, channel.topic, sensor, sensor, codec, numbered, size_wh, is_own=True, is_video=is_video)
 
 
 def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Role]:
@@ -123,11 +126,12 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
     frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS}
     shared = Counter(frame for _, frame in frames)
     found: dict[int, Role] = {}
-    for id_, (kind, frame, world, _) in probes.items():
+    for id_, (kind, frame, world, is_video) in probes.items():
         topic, codec = topics[id_], codecs[id_]
         if kind in SENSORS:
             is_name = frame and frame not in BODIES and shared[frame] == 1
-            found[id_] = Role(kind, topic, frame if is_name else topic.strip("/"), frame, codec)
+            name = frame if is_name else topic.strip("/")
+            found[id_] = Role(kind, topic, name, frame, codec, is_video=is_video)
             continue
         # Boxes on a topic that isn't called like ground truth are what some system detected.
         words = topic.lower().replace("_", "/").split("/")
@@ -166,7 +170,7 @@ def _probe_order(container: Container, channel: int, codec: Codec, probe: Probe)
         if isinstance(entry.data, memoryview):
             with suppress(DecodeError):
                 image = codec.message(probe.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
-                if isinstance(image, Image) and order.is_done(image):
+                if isinstance(image, Image) and image.encoding in CODECS and order.is_done(image):
                     break
     return probe
 

@@ -5,20 +5,42 @@ from collections.abc import Iterator, Mapping
 from itertools import groupby
 
 from fbench.replay.contracts.errors import DataError, DecodeError, LogError
-from fbench.replay.data.messages import Message
+from fbench.replay.data.messages import Image, Message
 from fbench.replay.data.rig import RigChange
 from fbench.replay.logs.codecs.codec import MESSAGES, Origin, TruthPart
 from fbench.replay.logs.codecs.foxglove.topics import BOXES2D, BOXES3D
+from fbench.replay.logs.codecs.video.stream import VideoLead
 from fbench.replay.logs.container import Channel, Container, Entry
 from fbench.replay.logs.containers.mcap.write import Encoded
 from fbench.replay.logs.containers.parquet.folder import ParquetFolder
 from fbench.replay.logs.convert.sinks import Copied, Decoded, Item, RigAt, encode_message, encode_rig
 from fbench.replay.logs.convert.source import Source, Window, cut, cut_rigs
-from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.reader import Event, LogReader
 from fbench.replay.logs.rig import RigState
 from fbench.replay.logs.roles import STORED, Role
 
 _MAX_RIGS = 1000  # Rigs that change all the time stay messages, which are streamed
+
+
+class _Leads:
+    """Pictures of videos before a window, without which those in it can't be decoded."""
+
+    def __init__(self) -> None:
+        self._leads: dict[str, VideoLead[Decoded]] = {}
+
+    def add(self, entry: Entry, content: Event) -> None:
+        """Take what lies before the window."""
+        if isinstance(content, Image) and content.video is not None:
+            item = Decoded(entry.topic, entry.log_ns, content)
+            self._leads.setdefault(entry.topic, VideoLead()).add(item, content)
+
+    def take(self, entry: Entry, content: Event) -> list[Decoded]:
+        """Hand over what is needed in canonical order, where the window begins with this entry."""
+        if isinstance(content, Image) and content.video is not None and content.video.is_start:
+            self._leads.pop(entry.topic, None)
+        early = [item for lead in self._leads.values() for item in lead.items]
+        self._leads = {}
+        return sorted(early, key=lambda item: (item.log_ns, item.topic))  # stable
 
 
 def decode(reader: LogReader, window: Window, left_out: Counter[str]) -> Iterator[Item]:
@@ -26,6 +48,7 @@ def decode(reader: LogReader, window: Window, left_out: Counter[str]) -> Iterato
     counted as faults; what else there is gets counted in `left_out`, by topic.
     """
     waiting: RigAt | None = RigAt(0, reader.rig)
+    leads = _Leads()
     for entry, content in reader.everything():
         if window.is_behind(entry.log_ns):
             break
@@ -34,6 +57,7 @@ def decode(reader: LogReader, window: Window, left_out: Counter[str]) -> Iterato
             waiting = RigAt(0, content.rig) if early else RigAt(content.log_ns, content.rig, content.log_ns)
             continue
         if window.is_before(entry.log_ns):
+            leads.add(entry, content)
             continue
         role, topic = reader.roles.get(entry.channel), entry.topic
         is_result = role is None or role.kind == "detections"
@@ -47,6 +71,7 @@ def decode(reader: LogReader, window: Window, left_out: Counter[str]) -> Iterato
         if waiting is not None:
             yield waiting
             waiting = None
+            yield from leads.take(entry, content)
         if isinstance(content, TruthPart):  # comes under the names that fbench gives it, measurements keep theirs
             topic = BOXES2D if content.is_2d else BOXES3D
         yield Decoded(topic, entry.log_ns, content)

@@ -1,14 +1,18 @@
 """The part of a log that is converted: its channels by pattern and its messages by time."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 
-from fbench.replay.contracts.errors import ConfigError, DecodeError
+from fbench.replay.contracts.errors import ConfigError, DataError, DecodeError
+from fbench.replay.data.messages import Image
 from fbench.replay.data.rig import LogInfo
+from fbench.replay.data.video import CODECS
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.logs.codecs.codec import MESSAGES
+from fbench.replay.logs.codecs.codec import MESSAGES, Origin
+from fbench.replay.logs.codecs.video.stream import VideoLead
 from fbench.replay.logs.container import Container, Entry, LogHeader
 from fbench.replay.logs.convert.sinks import RigAt
 from fbench.replay.logs.reader import LogReader
@@ -42,9 +46,11 @@ class Window:
 
 def cut(entries: Iterable[Entry], window: Window, roles: Mapping[int, Role]) -> Iterator[Entry]:
     """Yield the entries of the window, before them the last transforms and calibrations that were there when it began:
-    one for each coordinate frame and camera, in canonical order. Raises ConfigError where there are no others.
+    one for each coordinate frame and camera; and each video from its last keyframe on, in canonical order. Raises
+    ConfigError where there are no others.
     """
     last: dict[tuple[str, str], Entry] = {}
+    leads: dict[str, VideoLead[Entry]] = {}
     is_empty = True
     for log_ns, together in groupby(entries, key=lambda entry: entry.log_ns):
         if window.is_behind(log_ns):
@@ -54,19 +60,40 @@ def cut(entries: Iterable[Entry], window: Window, roles: Mapping[int, Role]) -> 
             early = window.start_ns is not None and log_ns <= window.start_ns
             data = entry.data if early else None
             if isinstance(data, memoryview) and (keys := _rig_keys(roles.get(entry.channel), data)):
-                # A copy: its block needn't stay in memory.
-                last |= dict.fromkeys(keys, entry._replace(data=memoryview(bytes(data))))
-            else:
-                others.append(entry)
+                last |= dict.fromkeys(keys, _copy(entry))  # its block needn't stay in memory
+                continue
+            others.append(entry)
+            if early and (image := _read_video(roles.get(entry.channel), entry)) is not None:
+                leads.setdefault(entry.topic, VideoLead()).add(_copy(entry), image)
         if window.is_before(log_ns):
             continue
         is_empty = False
+        at_start = {entry[:5] for entry in others}
         before = {entry[:5]: entry for entry in last.values()}
-        last = {}
+        before |= {entry[:5]: entry for lead in leads.values() for entry in lead.items if entry[:5] not in at_start}
+        last, leads = {}, {}
         yield from (entry for _, entry in sorted(before.items()))
         yield from others
     if is_empty:
         window.require_all()
+
+
+def _copy(entry: Entry) -> Entry:
+    return entry._replace(data=memoryview(bytes(entry.data))) if isinstance(entry.data, memoryview) else entry
+
+
+def _read_video(role: Role | None, entry: Entry) -> Image | None:
+    """Decode a picture of a video; `None` for all else, and where it can't be."""
+    if role is None or role.kind != "camera":
+        return None
+    with suppress(DecodeError, DataError):
+        if not isinstance(entry.data, memoryview):
+            stored = entry.data.read()
+            return stored if isinstance(stored, Image) and stored.encoding in CODECS else None
+        if role.codec is not None and role.is_video:
+            message = role.codec.message(role.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
+            return message if isinstance(message, Image) and message.encoding in CODECS else None
+    return None
 
 
 def _rig_keys(role: Role | None, data: memoryview) -> list[tuple[str, str]]:

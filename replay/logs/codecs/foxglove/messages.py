@@ -17,7 +17,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from fbench.replay.contracts.errors import DecodeError, PointsError, UnsupportedError
 from fbench.replay.data.arrays import Array, Float64
-from fbench.replay.data.images import RAW_CHANNELS, layout_name, pack_rows, read_size, sniff_format
+from fbench.replay.data.images import RAW_CHANNELS, is_picture, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.data.video import CODECS
 from fbench.replay.geometry.transforms import pose_matrix, transform
@@ -61,7 +61,7 @@ def read_compressed_image(data: memoryview, origin: Origin) -> Image:
     head, encoded = split(data, CompressedImage.DATA_FIELD_NUMBER)
     proto, pixels = parse(CompressedImage, head), bytes(encoded)
     stamp_ns, size_wh = _stamp_ns(proto, origin), origin.size_wh
-    if size_wh is None and (codec := find_codec(proto.format)):
+    if size_wh is None and (codec := find_codec(proto.format)) and not is_picture(encoded):
         return _picture(pixels, codec, stamp_ns, origin)
     encoding = proto.format if size_wh is not None else sniff_format(encoded)
     size_wh = size_wh or read_size(pixels)

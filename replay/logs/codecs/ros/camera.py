@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError, UnsupportedError
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.images import DEPTH, MAX_PIXELS, layout_name, pack_rows, read_size, sniff_format
+from fbench.replay.data.images import DEPTH, MAX_PIXELS, is_picture, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import Origin, Probe
@@ -79,9 +79,11 @@ def decode_compressed_image(kind: str, image: CompressedImage, encoding: str, or
     header is damaged.
     """
     probe_image(image, encoding)
-    data, codec, stamp_ns = bytes(image.data), find_codec(image.format), image.header.stamp_ns
-    name = codec or sniff_format(data)
-    size_wh = peek_size(codec, data) if codec else read_size(data)
+    data, stamp_ns = bytes(image.data), image.header.stamp_ns
+    if (codec := find_codec(image.format)) and not is_picture(data):
+        name, size_wh = codec, peek_size(codec, data)
+    else:
+        name, size_wh = sniff_format(data), read_size(data)
     return Image(origin.sensor, stamp_ns, origin.log_ns, data, name, size_wh, origin.frame_number)
 
 

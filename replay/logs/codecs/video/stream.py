@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from fbench.replay.contracts.errors import DecodeError, MissingPackageError, UnsupportedError
 from fbench.replay.data.messages import Image
@@ -148,6 +148,46 @@ class VideoStreams:
         if image.encoding not in _HEADS:
             return image
         return self._streams.setdefault(topic, VideoStream()).take(image)
+
+
+T = TypeVar("T")
+
+
+class VideoLead(Generic[T]):
+    """What is needed of one video before a point in time: its messages from the last keyframe on. None, where they
+    would be larger than `MAX_STRETCH_BYTES`.
+    """
+
+    def __init__(self) -> None:
+        self.items: list[T] = []
+        self._heads: tuple[str, HeadReader] | None = None
+        self._num_sets = 0  # Messages at the end that hold parameter sets alone
+        self._with_sets: list[T] = []  # The last keyframe that came with its parameter sets
+        self._num_bytes = 0
+        self._is_open = False  # Whether there was a keyframe
+
+    def add(self, item: T, image: Image) -> None:
+        """Take the next message, given as a whole and as what it holds."""
+        if self._heads is None or self._heads[0] != image.encoding:
+            self._heads = image.encoding, _HEADS[image.encoding]()
+        head = None
+        with suppress(DecodeError):
+            head = self._heads[1].read(image.data)
+            self._num_sets += head is None
+        if head is not None:
+            if head.is_key:
+                sets = self.items[len(self.items) - self._num_sets :]
+                if head.missing_sets and not sets:
+                    self.items = list(self._with_sets)
+                else:
+                    self.items, self._with_sets = sets, [*sets, item]
+                self._num_bytes, self._is_open = 0, True
+            self._num_sets = 0
+        if self._is_open or self._num_sets:
+            self.items.append(item)
+            self._num_bytes += len(image.data)
+        if self._num_bytes > MAX_STRETCH_BYTES:
+            self.items, self._num_bytes, self._is_open = [], 0, False
 
 
 _NUM_PROBED = 8  # Pictures after a keyframe, among which encoders that use B-frames put some

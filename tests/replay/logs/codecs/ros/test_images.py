@@ -94,7 +94,7 @@ def test_compressed_images(distro, form, suffix, encoding):
     ("form", "data", "message"),
     [
         ("16UC1; compressedDepth png", encoded(".png"), "'16UC1; compressedDepth png' is a depth image"),
-        ("h264", b"\0\0\0\1abc", "neither a JPEG nor a PNG nor a WebP"),
+        ("mpeg", b"\0\0\0\1abc", "neither a JPEG nor a PNG nor a WebP"),
         ("jpeg", b"", "neither"),
         ("jpeg", b"\xff\xd8\xff\xd9", "without a frame header"),
         ("png", encoded(".png")[:20], "PNG without a header"),
