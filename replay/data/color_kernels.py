@@ -5,28 +5,31 @@ import numpy as np
 from fbench.replay.data.arrays import Array
 from fbench.replay.geometry.kernels import kernel
 
-BITS = 16  # Of the fraction of factors
+BITS = 21  # Of the fraction: the largest sum of two parts still fits 32 bits
 
 
 @kernel
 def mix_colors(y: Array, cb: Array, cr: Array, steps: tuple[int, int], factors: Array, out: Array) -> None:
-    """Write (H, W, 3) BGR of planes (H, W) and smaller ones, whose samples hold for `steps` pixels across and down.
+    """Write (H, 3 W) BGR of planes (H, W) and smaller ones, whose samples hold for `steps` pixels across and down.
 
-    `factors` are zero and factor of brightness, zero of color, then those of Cr in red, Cb and Cr in green, Cb in blue.
+    `factors` (7,) int32 are zero and factor of brightness, zero of color, then the factors of Cr in red, Cb and Cr in
+    green, Cb in blue.
     """
-    y_zero, of_y, zero, red_cr, green_cb, green_cr, blue_cb = factors
-    half = 1 << (BITS - 1)
+    height, width = y.shape
     across, down = steps
-    for i in range(y.shape[0]):
-        row = i // down
-        for j in range(cb.shape[1]):
-            blue_part = np.int32(cb[row, j]) - zero
-            red_part = np.int32(cr[row, j]) - zero
-            blue = blue_cb * blue_part
-            green = green_cb * blue_part + green_cr * red_part
-            red = red_cr * red_part
-            for k in range(j * across, min((j + 1) * across, y.shape[1])):
-                light = of_y * (np.int32(y[i, k]) - y_zero) + half
-                out[i, k, 0] = min(max((light + blue) >> BITS, 0), 255)
-                out[i, k, 1] = min(max((light + green) >> BITS, 0), 255)
-                out[i, k, 2] = min(max((light + red) >> BITS, 0), 255)
+    zero, of_light, middle = factors[0], factors[1], factors[2]
+    blue, green, red = np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.int32)
+    half, shift, low, high = np.int32(1 << (BITS - 1)), np.int32(BITS), np.int32(0), np.int32(255)
+    for i in range(height):
+        if i % down == 0:
+            of_blue, of_red = cb[i // down], cr[i // down]
+            for j in range(len(of_blue)):
+                b, r = np.int32(of_blue[j]) - middle, np.int32(of_red[j]) - middle
+                for k in range(j * across, min((j + 1) * across, width)):
+                    blue[k], green[k], red[k] = factors[6] * b, factors[4] * b + factors[5] * r, factors[3] * r
+        line, target = y[i], out[i]
+        for k in range(width):
+            light = of_light * (np.int32(line[k]) - zero) + half
+            target[3 * k] = np.uint8(min(max((light + blue[k]) >> shift, low), high))
+            target[3 * k + 1] = np.uint8(min(max((light + green[k]) >> shift, low), high))
+            target[3 * k + 2] = np.uint8(min(max((light + red[k]) >> shift, low), high))

@@ -68,7 +68,8 @@ def import_av() -> ModuleType:
     except ImportError as error:
         why = f"a log has video, which needs PyAV ({error}): pip install 'fbench[video]'"
         raise MissingPackageError(why) from error
-    return av
+    found: ModuleType = av
+    return found
 
 
 class Decoder:
@@ -171,29 +172,38 @@ def _depth(frame: "VideoFrame") -> int:
     return int(name[-4:-2]) if name.endswith("le") else 8
 
 
-def _range_of(frame: "VideoFrame") -> tuple[int, float]:
-    """Value of black, and how many steps of 1/255 one step of brightness is."""
+class _Range(NamedTuple):
+    """Which values of samples are black and white."""
+
+    black: int
+    steps: int  # From black to white
+    color_steps: int  # From the least to the most of a color
+
+
+def _range_of(frame: "VideoFrame") -> _Range:
     form, depth = _FORMATS[frame.format.name], _depth(frame)
-    is_full = frame.color_range == _FULL_RANGE or (form is not None and form.is_full)
-    return (0, 255 / ((1 << depth) - 1)) if is_full else (16 << depth - 8, 255 / (219 << depth - 8))
+    if frame.color_range == _FULL_RANGE or (form is not None and form.is_full):
+        return _Range(0, (1 << depth) - 1, (1 << depth) - 1)
+    return _Range(16 << depth - 8, 219 << depth - 8, 224 << depth - 8)
 
 
 def _to_grey(frame: "VideoFrame") -> Pixels:
-    if frame.format.name == "gbrp":
-        import cv2
+    import cv2
 
+    if frame.format.name == "gbrp":
         return np.asarray(cv2.cvtColor(_to_bgr(frame), cv2.COLOR_BGR2GRAY), np.uint8)
-    black, step = _range_of(frame)
-    levels = np.arange(1 << _depth(frame))
-    table = np.clip(np.floor((levels - black) * step + 0.5), 0, 255).astype(np.uint8)
-    return np.asarray(table[_planes(frame)[0]], np.uint8)
+    black, steps, _ = _range_of(frame)
+    levels = (np.arange(1 << _depth(frame)) - black) * 255 / steps
+    table = np.clip(np.floor(levels + 0.5), 0, 255).astype(np.uint8)
+    (y, *_) = _planes(frame)
+    return np.asarray(cv2.LUT(y, table) if y.dtype == np.uint8 else table[np.minimum(y, len(table) - 1)], np.uint8)
 
 
 def _to_bgr(frame: "VideoFrame") -> Pixels:
     """Convert by ITU-T H.273, equations 38 to 40: the matrix and range that the video states, else BT.601 in limited
     range. A sample of color holds for all pixels that share it.
     """
-    from fbench.replay.data.color_kernels import BITS, mix_colors
+    from fbench.replay.data.color_kernels import mix_colors
 
     form, planes = _FORMATS[frame.format.name], _planes(frame)
     if form is None:
@@ -201,14 +211,19 @@ def _to_bgr(frame: "VideoFrame") -> Pixels:
             return np.repeat(_to_grey(frame)[:, :, None], 3, axis=2)
         green, blue, red = planes
         return np.stack([blue, green, red], axis=2).astype(np.uint8)
-    red_weight, blue_weight = _WEIGHTS.get(frame.colorspace, _BT601)
-    black, step = _range_of(frame)
-    chroma = step if black == 0 else 255 / (224 << form.depth - 8)
-    green_weight = 1 - red_weight - blue_weight
-    red_cr, blue_cb = 2 * (1 - red_weight) * chroma, 2 * (1 - blue_weight) * chroma
-    green_cb, green_cr = -blue_cb * blue_weight / green_weight, -red_cr * red_weight / green_weight
-    scaled = [round(value * (1 << BITS)) for value in (step, red_cr, green_cb, green_cr, blue_cb)]
-    factors = np.array([black, scaled[0], 1 << form.depth - 1, *scaled[1:]], np.int32)
-    out = np.empty((frame.height, frame.width, 3), np.uint8)
-    mix_colors(planes[0], planes[1], planes[2], form.steps, factors, out)
-    return out
+    y, cb, cr = (np.minimum(plane, (1 << form.depth) - 1) if form.depth > 8 else plane.copy() for plane in planes)
+    out = np.empty((frame.height, 3 * frame.width), np.uint8)
+    mix_colors(y, cb, cr, form.steps, _factors(frame, form.depth), out)
+    return out.reshape(frame.height, frame.width, 3)
+
+
+def _factors(frame: "VideoFrame", depth: int) -> NDArray[np.int32]:
+    """Zeros and factors; see `mix_colors`."""
+    from fbench.replay.data.color_kernels import BITS
+
+    red, blue = _WEIGHTS.get(frame.colorspace, _BT601)
+    black, steps, color_steps = _range_of(frame)
+    green, of_blue, of_red = 1 - red - blue, 2 * (1 - blue) * 255 / color_steps, 2 * (1 - red) * 255 / color_steps
+    parts = (255 / steps, of_red, -of_blue * blue / green, -of_red * red / green, of_blue)
+    light, *colors = (round(part * (1 << BITS)) for part in parts)
+    return np.array([black, light, 1 << depth - 1, *colors], np.int32)
