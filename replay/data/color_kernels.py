@@ -17,7 +17,8 @@ def mix_colors(y: Array, cb: Array, cr: Array, steps: tuple[int, int], factors: 
     """
     height, width = y.shape
     across, down = steps
-    zero, of_light, middle = factors[0], factors[1], factors[2]
+    zero, of_light, middle, red_cr, green_cb, green_cr, blue_cb = factors
+    few, shift_x = np.empty((3, cb.shape[1]), np.int32), 1 if across == 2 else 0
     blue, green, red = np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.int32)
     half, shift, low, high = np.int32(1 << (BITS - 1)), np.int32(BITS), np.int32(0), np.int32(255)
     for i in range(height):
@@ -25,8 +26,10 @@ def mix_colors(y: Array, cb: Array, cr: Array, steps: tuple[int, int], factors: 
             of_blue, of_red = cb[i // down], cr[i // down]
             for j in range(len(of_blue)):
                 b, r = np.int32(of_blue[j]) - middle, np.int32(of_red[j]) - middle
-                for k in range(j * across, min((j + 1) * across, width)):
-                    blue[k], green[k], red[k] = factors[6] * b, factors[4] * b + factors[5] * r, factors[3] * r
+                few[0, j], few[1, j], few[2, j] = blue_cb * b, green_cb * b + green_cr * r, red_cr * r
+            for k in range(width):
+                j = k >> shift_x
+                blue[k], green[k], red[k] = few[0, j], few[1, j], few[2, j]
         line, target = y[i], out[i]
         for k in range(width):
             light = of_light * (np.int32(line[k]) - zero) + half

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from itertools import islice
 
 from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError, UnsupportedError, did_you_mean
-from fbench.replay.data.messages import Image
+from fbench.replay.data.messages import Image, Message
 from fbench.replay.data.video import CODECS
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, Origin, Probe
 from fbench.replay.logs.codecs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
@@ -167,11 +167,12 @@ def _probe_order(container: Container, channel: int, codec: Codec, probe: Probe)
         return probe
     order = OrderProbe()
     for entry in islice(container.entries(frozenset([channel])), _MAX_VIDEO):
+        image: Message | None = None
         if isinstance(entry.data, memoryview):
             with suppress(DecodeError):
                 image = codec.message(probe.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
-                if isinstance(image, Image) and image.encoding in CODECS and order.is_done(image):
-                    break
+        if isinstance(image, Image) and image.encoding in CODECS and order.is_done(image):
+            break
     return probe
 
 
