@@ -33,6 +33,8 @@ RULES: Mapping[str, Rule] = {
     "DEC001": Rule("error", "look at the program that wrote the message; it is skipped"),
     "DEC002": Rule("error", "look at the camera's driver; the image can't be decoded as it should"),
     "DEC003": Rule("error", "look at the program that wrote the cloud; it is skipped"),
+    "DEC004": Rule("error", "look for a full network or a slow recorder; a shorter interval of keyframes loses less"),
+    "DEC005": Rule("info", "nothing: a recording rarely begins with a keyframe"),
     "DAT001": Rule("error", "look at the sensor's driver; these clouds are skipped"),
     "DAT002": Rule("warning", "look at the sensor: was it covered or starting up?"),
     "DAT003": Rule("warning", "look whether the sensor gives meters"),

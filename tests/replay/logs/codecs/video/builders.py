@@ -104,7 +104,7 @@ def calibration(frame_id="cam", size_wh=SIZE):
     return CameraCalibration(frame_id=frame_id, width=size_wh[0], height=size_wh[1], K=K, distortion_model="plumb_bob")
 
 
-def write_log(path: Path, packets, codec="h264", step_ms=100, size_wh=SIZE, left_out=()):
+def write_log(path: Path, packets, codec="h264", size_wh=SIZE, left_out=(), points_every=1):
     """An MCAP of another program: a camera as video, a LiDAR at the same instants, transforms and calibration."""
     axes = (-0.5, 0.5, -0.5, 0.5)
     with path.open("wb") as file, Writer(file) as writer:
@@ -116,8 +116,9 @@ def write_log(path: Path, packets, codec="h264", step_ms=100, size_wh=SIZE, left
         put(START, "/tf_static", tree)
         put(START, "/cam/info", calibration(size_wh=size_wh))
         for i, packet in enumerate(packets):
-            at = START + i * step_ms * MS
-            put(at, "/points", packed(XYZ, [(10 + i, 0, 1), (11 + i, 1, 1)], timestamp=stamp(at)))
+            at = START + i * 100 * MS
+            if i % points_every == 0:
+                put(at, "/points", packed(XYZ, [(10 + i, 0, 1), (11 + i, 1, 1)], timestamp=stamp(at)))
             if i not in left_out:
                 put(at + MS, "/cam/video", video(packet, at, codec))
     return path
