@@ -19,7 +19,7 @@ from fbench.replay.logs.coordinate_frames import BODIES
 STORED = "fbench"  # Encoding of channels whose messages the container gives decoded
 _ROS = ("cdr", "ros1")
 _MAX_TRIES = 10
-_MAX_VIDEO = 300  # Messages in which a keyframe is looked for
+_MAX_VIDEO = 64  # Messages in which a keyframe is looked for
 _TRUTH_WORDS = ("truth", "gt", "label", "annotation")
 
 

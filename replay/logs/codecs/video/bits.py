@@ -1,6 +1,7 @@
 """Headers of video packets, bit by bit, and the units of packets in Annex B form."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 from fbench.replay.contracts.errors import DecodeError
@@ -22,6 +23,8 @@ class PictureHead(NamedTuple):
     """Decoding can begin here, too, but pictures are whole only after so many more; `None`: it can't."""
     lost: str = ""  # Why it can't be decoded after the picture before it
     missing_sets: bytes = b""  # Parameter sets of earlier packets that a decoder needs where it begins here
+    undelayed: tuple[bytes, bytes] = (b"", b"")
+    """A parameter set of the packet, and what a decoder should get instead: see `clear_numbers`."""
 
 
 class HeadReader(Protocol):
@@ -42,6 +45,12 @@ class Bits:
 
     def __init__(self, data: bytes) -> None:
         self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
+        self._num = self._left
+
+    @property
+    def at(self) -> int:
+        """Bits that were read."""
+        return self._num - self._left
 
     def read(self, num: int = 1) -> int:
         """Read an unsigned number of `num` bits."""
@@ -86,6 +95,21 @@ def units(packet: bytes) -> Iterator[bytes]:
 def unescape(unit: bytes) -> bytes:
     """Return the beginning of a unit without the bytes that keep start codes out of it: H.264 and H.265, 7.4.1."""
     return unit[:_MAX_HEADER].replace(b"\0\0\3", b"\0\0")
+
+
+def clear_numbers(unit: bytes, num_head: int, spans: Sequence[tuple[int, int]]) -> bytes:
+    """Return a parameter set in which numbers in `ue(v)` are 0, given by their bits behind `num_head` bytes.
+
+    Sets may announce B-frames that never come, and decoders then wait for later packets. Where pictures come in the
+    order in which they are shown, no number of those to be reordered is wrong, and 0 makes them wait for none.
+    """
+    body = unescape(unit)[num_head:]
+    bits = f"{int.from_bytes(body, 'big'):0{8 * len(body)}b}".rstrip("0")
+    for start, end in reversed(spans):
+        bits = f"{bits[:start]}1{bits[end:]}"
+    bits += "0" * (-len(bits) % 8)
+    plain = unit[:num_head] + int(bits, 2).to_bytes(len(bits) // 8, "big")
+    return re.sub(rb"\0\0(?=[\0-\3])", b"\0\0\3", plain)
 
 
 def join_units(*parts: bytes) -> bytes:

@@ -1,6 +1,7 @@
 """H.264: sizes, keyframes and the numbers of pictures (ITU-T H.264, 7.3 and 7.4)."""
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.logs.codecs.video.bits import (
@@ -11,6 +12,7 @@ from fbench.replay.logs.codecs.video.bits import (
     PictureHead,
     Size,
     check_size,
+    clear_numbers,
     is_back,
     join_units,
     unescape,
@@ -33,13 +35,14 @@ class _Sequence:
     order_bits: int  # Of the order in which pictures are shown; 0: not given as such
     has_planes: bool
     has_fields: bool
+    delay_bits: tuple[tuple[int, int], ...] = ()  # Where it says how many pictures are reordered, unless that is 0
 
 
 class H264Heads:
     """Reads the packets of one H.264 video; see `HeadReader`."""
 
     def __init__(self) -> None:
-        self._sequences: dict[int, tuple[_Sequence, bytes]] = {}
+        self._sequences: dict[int, tuple[_Sequence, bytes, bytes]] = {}  # With the unit, and one without delay
         self._pictures: dict[int, tuple[int, bytes]] = {}  # Number of the sequence, and the unit
         self._last_number: int | None = None  # Of the last picture that others refer to
         self._last_order = 0
@@ -63,7 +66,8 @@ class H264Heads:
         bits = Bits(unescape(unit)[1:])
         if kind == _SPS:
             number, sequence = _read_sequence(bits)
-            self._sequences[number] = (sequence, unit)
+            undelayed = clear_numbers(unit, 1, sequence.delay_bits) if sequence.delay_bits else unit
+            self._sequences[number] = (sequence, unit, undelayed)
         else:
             number, of = bits.exp_golomb(), bits.exp_golomb()
             if number < _MAX_SETS:
@@ -77,7 +81,7 @@ class H264Heads:
         of, picture_set = self._pictures.get(bits.exp_golomb(), (-1, b""))
         if of not in self._sequences:
             raise MissingSetsError("video without the parameter sets that it needs")
-        sequence, sequence_set = self._sequences[of]
+        sequence, *sequence_sets = self._sequences[of]
         bits.skip(2 if sequence.has_planes else 0)
         number = bits.read(sequence.frame_num_bits)
         if sequence.has_fields and bits.read():
@@ -90,8 +94,9 @@ class H264Heads:
         if is_key or is_reference:
             self._last_number = 0 if is_key else number
         # What follows a point of recovery in 0 pictures is whole at once, as after a keyframe.
-        sets = b"" if has_sets else join_units(sequence_set, picture_set)
-        return PictureHead(sequence.size_wh, is_key or recovery == 0, recovery, lost, sets)
+        sets = b"" if has_sets else join_units(sequence_sets[1], picture_set)
+        undelayed = (sequence_sets[0], sequence_sets[1]) if has_sets else (b"", b"")
+        return PictureHead(sequence.size_wh, is_key or recovery == 0, recovery, lost, sets, undelayed)
 
     def _compare(self, sequence: _Sequence, number: int, order: int) -> str:
         """Say why a picture doesn't follow the one before it: 7.4.3 on `frame_num`."""
@@ -138,7 +143,49 @@ def _read_sequence(bits: Bits) -> tuple[int, _Sequence]:
     if number > 31:
         raise DecodeError("number of a parameter set of the video is too large")
     size_wh = check_size(width, height)
-    return number, _Sequence(size_wh, frame_num_bits, has_gaps, order_bits, has_planes, has_fields)
+    sequence = _Sequence(size_wh, frame_num_bits, has_gaps, order_bits, has_planes, has_fields)
+    with suppress(DecodeError):  # nothing else needs what follows
+        sequence = replace(sequence, delay_bits=_find_delay(bits))
+    return number, sequence
+
+
+def _find_delay(bits: Bits) -> tuple[tuple[int, int], ...]:
+    """Find `max_num_reorder_frames` (E.1.1), where it is there and not 0."""
+    if not bits.read():
+        return ()
+    if bits.read() and bits.read(8) == 255:  # aspect ratio
+        bits.skip(32)
+    bits.skip(1 if bits.read() else 0)  # overscan
+    if bits.read():  # kind of signal
+        bits.skip(4)
+        bits.skip(24 if bits.read() else 0)
+    if bits.read():  # place of color
+        bits.exp_golomb()
+        bits.exp_golomb()
+    bits.skip(65 if bits.read() else 0)  # timing
+    has_buffers = [bool(bits.read()) and _skip_buffers(bits) for _ in range(2)]
+    bits.skip(1 if any(has_buffers) else 0)
+    bits.skip(1)
+    if not bits.read():
+        return ()
+    bits.skip(1)
+    for _ in range(4):
+        bits.exp_golomb()
+    start = bits.at
+    is_delayed = bits.exp_golomb() > 0
+    return ((start, bits.at),) if is_delayed else ()
+
+
+def _skip_buffers(bits: Bits) -> bool:
+    """Pass over the parameters of buffers: E.1.2."""
+    num = bits.exp_golomb() + 1
+    bits.skip(8)
+    for _ in range(min(num, 32)):
+        bits.exp_golomb()
+        bits.exp_golomb()
+        bits.skip(1)
+    bits.skip(20)
+    return True
 
 
 def _few(num: int) -> int:

@@ -14,6 +14,7 @@ from fbench.replay.logs.codecs.video.bits import (
     PictureHead,
     Size,
     check_size,
+    clear_numbers,
     is_back,
     join_units,
     unescape,
@@ -31,6 +32,7 @@ class _Sequence(NamedTuple):
     order_bits: int
     has_planes: bool
     video: int  # Number of its video parameter set
+    delay_bits: tuple[tuple[int, int], ...]  # Where it says how many pictures are reordered, unless that is 0
 
 
 class _Picture(NamedTuple):
@@ -46,6 +48,7 @@ class H265Heads:
         self._sequences: dict[int, _Sequence] = {}
         self._pictures: dict[int, _Picture] = {}
         self._units: dict[tuple[int, int], bytes] = {}
+        self._undelayed: dict[int, tuple[bytes, bytes]] = {}  # Unit of a sequence, and one without delay
         self._last_order: int | None = None
 
     def read(self, packet: bytes) -> PictureHead | None:
@@ -69,6 +72,9 @@ class H265Heads:
         elif kind == _SPS:
             number, sequence = _read_sequence(bits)
             self._sequences[number] = sequence
+            undelayed = clear_numbers(unit, 2, sequence.delay_bits) if sequence.delay_bits else unit
+            self._undelayed[number] = (unit, undelayed)
+            unit = undelayed
         else:
             number, of = bits.exp_golomb(), bits.exp_golomb()
             bits.skip(1)
@@ -100,7 +106,10 @@ class H265Heads:
         is_reordered = not is_key and last is not None and is_back(order, last, sequence.order_bits)
         wanted = ((_VPS, sequence.video), (_SPS, picture.of), (_PPS, number))
         sets = b"" if has_sets else join_units(*(self._units[key] for key in wanted if key in self._units))
-        return PictureHead(sequence.size_wh, is_key, None, B_FRAMES if is_reordered else "", sets)
+        lost, undelayed = B_FRAMES if is_reordered else "", (b"", b"")
+        if has_sets:
+            undelayed = self._undelayed[picture.of]
+        return PictureHead(sequence.size_wh, is_key, None, lost, sets, undelayed)
 
 
 def _read_sequence(bits: Bits) -> tuple[int, _Sequence]:
@@ -123,4 +132,17 @@ def _read_sequence(bits: Bits) -> tuple[int, _Sequence]:
     order_bits = bits.exp_golomb() + 4
     if order_bits > 16 or number > 15:
         raise DecodeError("a number in a header of the video is too large")
-    return number, _Sequence(check_size(width, height), order_bits, has_planes, video)
+    spans = _find_delays(bits, num_sub_layers)
+    return number, _Sequence(check_size(width, height), order_bits, has_planes, video, spans)
+
+
+def _find_delays(bits: Bits, num_sub_layers: int) -> tuple[tuple[int, int], ...]:
+    """Find `sps_max_num_reorder_pics` of all layers in time, where it isn't 0."""
+    spans = []
+    for _ in range(1 + (num_sub_layers if bits.read() else 0)):
+        bits.exp_golomb()
+        start = bits.at
+        if bits.exp_golomb():
+            spans.append((start, bits.at))
+        bits.exp_golomb()
+    return tuple(spans)

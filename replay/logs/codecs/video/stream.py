@@ -113,9 +113,11 @@ class VideoStream:
             self._whole_from = 0 if head.is_key else head.recovery or 0
             self._stretch, self._decoder = Stretch(self._codec, head.size_wh, self._whole_from), None
             self._error = None
-            packet = head.missing_sets + packet
         if self._stretch is None:
             return VideoPicture(None, 0, self._why, self._is_lost)
+        given, undelayed = head.undelayed
+        packet = packet if given == undelayed else packet.replace(given, undelayed)
+        packet = head.missing_sets + packet if self._stretch.num_bytes == 0 else packet
         if self._stretch.num_bytes > MAX_STRETCH_BYTES:
             return VideoPicture(self._decode_now(self._stretch, packet))
         index = self._stretch.add(packet)

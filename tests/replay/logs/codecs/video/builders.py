@@ -55,10 +55,19 @@ def encode(codec="h264", num=12, key_every=6, size_wh=SIZE, form="yuv420p", tags
 
 def decode_all(codec, packets):
     """All pictures of a video, by PyAV, in order."""
+    return _decode(codec, packets, is_end=True)
+
+
+def decode_first(codec, packets):
+    """Pictures that PyAV gives before it gets more."""
+    return _decode(codec, packets, is_end=False)
+
+
+def _decode(codec, packets, is_end):
     context = av.CodecContext.create(DECODERS[codec], "r")
     context.thread_count = 1
     frames = [frame for packet in packets for frame in context.decode(av.Packet(packet))]
-    return [*frames, *context.decode(None)]
+    return [*frames, *(context.decode(None) if is_end else [])]
 
 
 def planes(frame):

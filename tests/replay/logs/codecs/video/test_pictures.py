@@ -122,6 +122,19 @@ def test_parameter_sets_in_a_message_of_their_own_or_only_at_the_start(codec):
             v.require_same(decode(images[i]), wanted[i])
 
 
+@pytest.mark.parametrize("codec", ["h264", "h265"])
+def test_videos_that_announce_b_frames_but_have_none_are_shown_at_once(codec):
+    """Decoders would hold each picture back until later ones come."""
+    options = {"tune": "psnr", "bf": "3", "x265-params": "log-level=none:bframes=3", "forced-idr": "1"}
+    packets = v.encode(codec, num=8, key_every=100, p_only=True, **options)
+    assert v.decode_first(codec, packets[:1]) == []
+    wanted = oracle(codec, packets)
+    _, second = split_sets(packets[0])
+    for given in (packets, [packets[0], second, *packets[1:]]):
+        for image, expected in zip(place(given, codec)[-7:], wanted[1:], strict=True):
+            v.require_same(decode(image), expected)
+
+
 def test_a_message_that_comes_twice_is_one_picture():
     packets = v.encode()
     wanted = oracle("h264", packets)
