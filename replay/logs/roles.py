@@ -38,7 +38,6 @@ class Role:
     size_wh: tuple[int, int] | None = None
     world: str = ""  # Coordinate frame in which poses are given, where messages name it
     is_own: bool = False  # Whether fbench wrote the channel
-    is_video: bool = False  # Whether images are pictures of a video
 
     @property
     def is_static(self) -> bool:
@@ -114,8 +113,7 @@ def _read_own(channel: Channel, codec: Codec | None) -> Role | None:
     width, _, height = channel.metadata.get(SIZE, "").partition("x")
     size_wh = (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
     numbered = channel.metadata.get(FRAME_NUMBER) == SEQUENCE
-    is_video = channel.schema_name == "foxglove.CompressedVideo"
-    return Role(kind, channel.topic, sensor, sensor, codec, numbered, size_wh, is_own=True, is_video=is_video)
+    return Role(kind, channel.topic, sensor, sensor, codec, numbered, size_wh, is_own=True)
 
 
 def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Role]:
@@ -126,12 +124,11 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
     frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS}
     shared = Counter(frame for _, frame in frames)
     found: dict[int, Role] = {}
-    for id_, (kind, frame, world, is_video) in probes.items():
+    for id_, (kind, frame, world) in probes.items():
         topic, codec = topics[id_], codecs[id_]
         if kind in SENSORS:
             is_name = frame and frame not in BODIES and shared[frame] == 1
-            name = frame if is_name else topic.strip("/")
-            found[id_] = Role(kind, topic, name, frame, codec, is_video=is_video)
+            found[id_] = Role(kind, topic, frame if is_name else topic.strip("/"), frame, codec)
             continue
         # Boxes on a topic that isn't called like ground truth are what some system detected.
         words = topic.lower().replace("_", "/").split("/")
@@ -150,7 +147,10 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
         if not isinstance(entry.data, memoryview):
             break
         try:
-            return _probe_order(container, channel, codec, codec.probe(entry.data))
+            probe = codec.probe(entry.data)
+            if probe.kind == "camera":
+                _probe_order(container, channel, codec)
+            return probe
         except UnsupportedError as error:
             container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
             return None
@@ -161,19 +161,16 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
     return None
 
 
-def _probe_order(container: Container, channel: int, codec: Codec, probe: Probe) -> Probe:
-    """Return what was probed. Raises UnsupportedError where it is a video whose first pictures are out of order."""
-    if not probe.is_video:
-        return probe
+def _probe_order(container: Container, channel: int, codec: Codec) -> None:
+    """Look at the first pictures of a camera. Raises UnsupportedError where they are a video that is out of order."""
     order = OrderProbe()
     for entry in islice(container.entries(frozenset([channel])), _MAX_VIDEO):
         image: Message | None = None
         if isinstance(entry.data, memoryview):
             with suppress(DecodeError):
-                image = codec.message(probe.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
-        if isinstance(image, Image) and image.encoding in CODECS and order.is_done(image):
-            break
-    return probe
+                image = codec.message("camera", entry.data, Origin("", entry.log_ns, entry.publish_ns))
+        if isinstance(image, Image) and (image.encoding not in CODECS or order.is_done(image)):
+            return
 
 
 def select(roles: Mapping[int, Role], patterns: Sequence[str]) -> dict[int, Role]:

@@ -58,7 +58,6 @@ class Probe(NamedTuple):
     kind: str
     frame_id: str  # Coordinate frame of the sensor, or the one whose pose is given
     world: str = ""  # Coordinate frame in which poses are given
-    is_video: bool = False
 
 
 class Codec(Protocol):

@@ -7,11 +7,11 @@ from functools import cached_property
 from itertools import groupby
 
 from fbench.replay.contracts.errors import ConfigError, DataError, DecodeError
-from fbench.replay.data.messages import Image
+from fbench.replay.data.messages import Image, Message
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.data.video import CODECS
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.logs.codecs.codec import MESSAGES, Origin
+from fbench.replay.logs.codecs.codec import MESSAGES, Origin, TruthPart
 from fbench.replay.logs.codecs.video.stream import VideoLead
 from fbench.replay.logs.container import Container, Entry, LogHeader
 from fbench.replay.logs.convert.sinks import RigAt
@@ -50,7 +50,7 @@ def cut(entries: Iterable[Entry], window: Window, roles: Mapping[int, Role]) -> 
     ConfigError where there are no others.
     """
     last: dict[tuple[str, str], Entry] = {}
-    leads: dict[str, VideoLead[Entry]] = {}
+    leads = _Leads()
     is_empty = True
     for log_ns, together in groupby(entries, key=lambda entry: entry.log_ns):
         if window.is_behind(log_ns):
@@ -63,15 +63,15 @@ def cut(entries: Iterable[Entry], window: Window, roles: Mapping[int, Role]) -> 
                 last |= dict.fromkeys(keys, _copy(entry))  # its block needn't stay in memory
                 continue
             others.append(entry)
-            if early and (image := _read_video(roles.get(entry.channel), entry)) is not None:
-                leads.setdefault(entry.topic, VideoLead()).add(_copy(entry), image)
+            if early:
+                leads.add(roles.get(entry.channel), entry)
         if window.is_before(log_ns):
             continue
         is_empty = False
         at_start = {entry[:5] for entry in others}
         before = {entry[:5]: entry for entry in last.values()}
-        before |= {entry[:5]: entry for lead in leads.values() for entry in lead.items if entry[:5] not in at_start}
-        last, leads = {}, {}
+        before |= {entry[:5]: entry for entry in leads.take() if entry[:5] not in at_start}
+        last = {}
         yield from (entry for _, entry in sorted(before.items()))
         yield from others
     if is_empty:
@@ -82,18 +82,33 @@ def _copy(entry: Entry) -> Entry:
     return entry._replace(data=memoryview(bytes(entry.data))) if isinstance(entry.data, memoryview) else entry
 
 
-def _read_video(role: Role | None, entry: Entry) -> Image | None:
-    """Decode a picture of a video; `None` for all else, and where it can't be."""
-    if role is None or role.kind != "camera":
-        return None
-    with suppress(DecodeError, DataError):
-        if not isinstance(entry.data, memoryview):
-            stored = entry.data.read()
-            return stored if isinstance(stored, Image) and stored.encoding in CODECS else None
-        if role.codec is not None and role.is_video:
-            message = role.codec.message(role.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
-            return message if isinstance(message, Image) and message.encoding in CODECS else None
-    return None
+class _Leads:
+    """Entries of videos, each from its last keyframe on."""
+
+    def __init__(self) -> None:
+        self._leads: dict[str, VideoLead[Entry]] = {}
+        self._others: set[int] = set()  # Channels of cameras that are no video
+
+    def add(self, role: Role | None, entry: Entry) -> None:
+        """Take the next entry of any channel."""
+        if role is None or role.kind != "camera" or entry.channel in self._others:
+            return
+        image: Message | TruthPart | None = None
+        with suppress(DecodeError, DataError):
+            if not isinstance(entry.data, memoryview):
+                image = entry.data.read()
+            elif role.codec is not None:
+                image = role.codec.message(role.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
+        if isinstance(image, Image) and image.encoding in CODECS:
+            self._leads.setdefault(entry.topic, VideoLead()).add(_copy(entry), image)
+        elif image is not None:
+            self._others.add(entry.channel)
+
+    def take(self) -> list[Entry]:
+        """Hand over all that are kept."""
+        found = [entry for lead in self._leads.values() for entry in lead.items]
+        self._leads = {}
+        return found
 
 
 def _rig_keys(role: Role | None, data: memoryview) -> list[tuple[str, str]]:

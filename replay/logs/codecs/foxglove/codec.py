@@ -26,7 +26,7 @@ from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split
 from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration
 from fbench.replay.logs.codecs.foxglove.truth import read_boxes
 from fbench.replay.logs.codecs.packed_points import is_radar
-from fbench.replay.logs.codecs.video.stream import find_codec, require_codec
+from fbench.replay.logs.codecs.video.stream import require_codec
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.coordinate_frames import Edge
 
@@ -79,9 +79,6 @@ class _FoxgloveCodec:
             layout_name(proto.encoding)
         if isinstance(proto, CompressedVideo):
             require_codec(proto.format)
-            return Probe(kind, proto.frame_id, is_video=True)
-        if isinstance(proto, CompressedImage) and find_codec(proto.format):
-            return Probe(kind, proto.frame_id, is_video=True)
         if isinstance(proto, CloudProto) and is_radar(field.name for field in proto.fields):
             kind = "radar"
         return Probe(kind, proto.frame_id)

@@ -53,15 +53,12 @@ def read_compressed_image(data: memoryview, encoding: str) -> CompressedImage:
 
 
 def probe_image(image: RawImage | CompressedImage, encoding: str) -> Probe:
-    """Tell the coordinate frame. Raises DecodeError where the layout isn't known, or it is depth: no picture. Some
-    encoders, as those of Isaac ROS, send video as compressed images.
-    """
+    """Tell the coordinate frame. Raises DecodeError where the layout isn't known, or it is depth: no picture."""
     if isinstance(image, RawImage):
         layout_name(image.encoding)
     elif "compressedDepth" in image.format or image.format.startswith(DEPTH):
         raise UnsupportedError(f"format '{image.format}' is a depth image, not supported")
-    is_video = isinstance(image, CompressedImage) and find_codec(image.format) is not None
-    return Probe("camera", image.header.frame_id, is_video=is_video)
+    return Probe("camera", image.header.frame_id)
 
 
 def raw_image(kind: str, image: RawImage, encoding: str, origin: Origin) -> Image:
@@ -75,8 +72,8 @@ def raw_image(kind: str, image: RawImage, encoding: str, origin: Origin) -> Imag
 
 def decode_compressed_image(kind: str, image: CompressedImage, encoding: str, origin: Origin) -> Image:
     """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways, unless it
-    is a picture of a video. Raises DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its
-    header is damaged.
+    is a picture of a video, which encoders such as those of Isaac ROS send so. Raises DecodeError where it is a depth
+    image, or neither JPEG nor PNG nor WebP, or its header is damaged.
     """
     probe_image(image, encoding)
     data, stamp_ns = bytes(image.data), image.header.stamp_ns

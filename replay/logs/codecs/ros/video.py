@@ -16,7 +16,7 @@ def probe_video(message: Any, encoding: str) -> Probe:
     name = _name(message)
     if not _is_jpeg(name):
         require_codec(name)
-    return Probe("camera", _header(message, encoding).frame_id, is_video=not _is_jpeg(name))
+    return Probe("camera", _header(message, encoding).frame_id)
 
 
 def read_video(kind: str, message: Any, encoding: str, origin: Origin) -> Image:
