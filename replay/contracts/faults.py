@@ -190,12 +190,15 @@ def parse_budget(on_fault: str, budgets: Sequence[str]) -> FaultBudget:
 
 @contextmanager
 def explain_losses(faults: FaultLog) -> Iterator[None]:
-    """Add what was lost before to the message of a log that can't be used: the first such fault of the table."""
+    """Add what was lost before to the message of a log that can't be used: the first such fault of the table, else the
+    first topic that is left out though its type is known.
+    """
     try:
         yield
     except LogError as error:
         lost = [(code, places) for code, places in sorted(faults.places.items()) if FAULTS[code].behaviour == "count"]
-        first = next((f"{FAULTS[code].text}: {places[0]}" for code, places in lost), None)
+        left_out = (place for place in faults.places.get("LOG012", []) if "is left out: " in place)
+        first = next((f"{FAULTS[code].text}: {places[0]}" for code, places in lost), next(left_out, None))
         if first is None:
             raise
         raise LogError(f"{error}; before that: {first}", error.code) from error

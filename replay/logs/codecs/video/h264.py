@@ -21,6 +21,7 @@ from fbench.replay.logs.codecs.video.bits import (
 
 _SLICES, _IDR, _SEI, _SPS, _PPS = (1, 2, 5), 5, 6, 7, 8  # Types of units
 _WITH_CHROMA = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135)  # Profiles whose sets have more fields
+_INTRA = 2  # Type of slices that need no other picture
 _RECOVERY_POINT = 6  # Type of a message in a unit of supplemental information
 _MAX_SETS = 256
 
@@ -77,7 +78,7 @@ class H264Heads:
         is_key, is_reference = unit[0] & 0x1F == _IDR, bool(unit[0] & 0x60)
         bits = Bits(unescape(unit[:64])[1:])
         bits.exp_golomb()  # first macroblock
-        bits.exp_golomb()  # type of the slice
+        is_intra = bits.exp_golomb() % 5 == _INTRA
         of, picture_set = self._pictures.get(bits.exp_golomb(), (-1, b""))
         if of not in self._sequences:
             raise MissingSetsError("video without the parameter sets that it needs")
@@ -93,10 +94,12 @@ class H264Heads:
         self._last_order = order
         if is_key or is_reference:
             self._last_number = 0 if is_key else number
-        # What follows a point of recovery in 0 pictures is whole at once, as after a keyframe.
         sets = b"" if has_sets else join_units(sequence_sets[1], picture_set)
         undelayed = (sequence_sets[0], sequence_sets[1]) if has_sets else (b"", b"")
-        return PictureHead(sequence.size_wh, is_key or recovery == 0, recovery, lost, sets, undelayed)
+        # From a point of recovery in 0 pictures all are whole, as from a keyframe; some encoders claim that of others.
+        recovers = recovery == 0 and is_intra
+        recovery = None if recovery == 0 else recovery
+        return PictureHead(sequence.size_wh, is_key or recovers, recovery, lost, sets, undelayed)
 
     def _compare(self, sequence: _Sequence, number: int, order: int) -> str:
         """Say why a picture doesn't follow the one before it: 7.4.3 on `frame_num`."""

@@ -8,7 +8,8 @@ from tests.replay.logs import builders as b
 from tests.replay.logs.codecs.video import builders as v
 from tests.replay.logs.codecs.video.test_pictures import oracle, place
 
-from fbench.replay.contracts.errors import MissingPackageError
+from fbench.replay.contracts.errors import LogError, MissingPackageError
+from fbench.replay.contracts.faults import explain_losses
 from fbench.replay.data import video
 from fbench.replay.data.images import decode, decode_grey
 from fbench.replay.data.messages import Image
@@ -98,6 +99,14 @@ def test_what_is_no_packet_breaks_the_video_off(packet, why):
     assert shown == [True] * 3 + [False] * 4 + [True] * 6
     assert any(part in images[4].video.damage for part in why.split("|"))
     assert all(image.video.is_lost for image in images[3:7])
+
+
+def test_an_error_for_want_of_a_camera_names_the_video(tmp_path):
+    reader, faults = b.read(v.write_log(tmp_path / "log.mcap", PACKETS, "vp8"))
+    with pytest.raises(LogError, match=r"no camera; before that: .*'/cam/video' is left out: video in 'vp8' isn't"):
+        with explain_losses(faults):
+            assert reader.rig.kinds == {"lidar": "lidar"}
+            raise LogError("no camera")
 
 
 def sps(width_mbs, rows, level=51):

@@ -158,6 +158,19 @@ def test_a_video_refreshed_part_by_part_recovers():
         v.require_same(shown[i], wanted[i + 1])
 
 
+def test_a_keyframe_that_is_no_idr():
+    """As open groups of pictures have it: an intra picture with a point of recovery in 0 pictures."""
+    packets = v.encode(num=18, key_every=6, tune="psnr", bf="1", p_only=True, **{"x264-params": "open-gop=1"})
+    assert [b"\0\0\1\x65" in packet for packet in packets] == [True] + [False] * 17
+    wanted = oracle("h264", packets)
+    rest = [*range(3), *range(4, 18)]
+    for image, i in zip(place([packets[i] for i in rest]), rest, strict=True):
+        if i in (4, 5):
+            assert decode(image) is None
+        else:
+            v.require_same(decode(image), wanted[i])
+
+
 def test_pictures_far_from_their_keyframe_need_no_more_memory(monkeypatch):
     packets = v.encode(num=20, key_every=100)
     wanted = oracle("h264", packets)
