@@ -109,23 +109,57 @@ def test_an_error_for_want_of_a_camera_names_the_video(tmp_path):
         raise LogError("no camera")
 
 
+def golomb(value):
+    text = f"{value + 1:b}"
+    return "0" * (len(text) - 1) + text
+
+
+def unit(head, bits):
+    """A unit without bytes that keep start codes out: none of these needs any."""
+    bits += "1" + "0" * (-(len(bits) + 1) % 8)
+    return b"\0\0\1" + bytes([head]) + int(bits, 2).to_bytes(len(bits) // 8, "big")
+
+
 def sps(width_mbs, rows, level=51):
-    """A sequence parameter set of the baseline profile with this size."""
-
-    def golomb(value):
-        text = f"{value + 1:b}"
-        return "0" * (len(text) - 1) + text
-
+    """A sequence parameter set of the baseline profile with this size, and a picture parameter set."""
     fields = (0, 0, 0, 0, 1)  # number, frame numbers of 4 bits, order 0 of 4 bits, one reference
     bits = f"{66:08b}{0:08b}{level:08b}" + "".join(map(golomb, fields)) + "0"
-    bits += golomb(width_mbs - 1) + golomb(rows - 1) + "1" + "1" + "0" + "0" + "1"
-    bits += "0" * (-len(bits) % 8)
-    return b"\0\0\1\x67" + int(bits, 2).to_bytes(len(bits) // 8, "big")
+    bits += golomb(width_mbs - 1) + golomb(rows - 1) + "1" + "1" + "0" + "0"
+    return unit(0x67, bits) + unit(0x68, golomb(0) + golomb(0))
+
+
+def picture(number, order, head=0x41):
+    """The head of a P slice with its numbers; the second byte says whether others refer to it."""
+    return unit(head, golomb(0) + golomb(5) + golomb(0) + f"{number % 16:04b}{order % 16:04b}" + "10" * 20)
+
+
+def idr():
+    return sps(6, 4) + unit(0x65, golomb(0) + golomb(7) + golomb(0) + "0000" + golomb(0) + "0000" + "10" * 20)
+
+
+def test_numbers_of_pictures_count_those_that_others_refer_to():
+    """ITU-T H.264, 7.4.3: a picture that none refers to doesn't move the count on, so its loss harms nothing."""
+    disposable = 0x01
+    packets = [idr(), picture(1, 2, disposable), picture(1, 4), picture(2, 6, disposable), picture(2, 8)]
+    packets += [picture(number, 8 + 2 * (number - 2)) for number in range(3, 40)]  # over the end of 4 bits
+    for sent in (packets, [p for p in packets if p not in (packets[1], packets[3])]):
+        assert [image.video.damage for image in place(sent)] == [""] * len(sent)
+    damage = [image.video.damage for image in place([*packets[:4], *packets[5:]])]
+    assert damage[:4] == [""] * 4
+    assert set(damage[4:]) == {"a message before it is missing: picture 3 comes after 1"}
+
+
+def test_pictures_that_go_back_in_order_are_b_frames():
+    """Before and after the end of the 4 bits that count the order."""
+    for start in (0, 6):
+        steps = [idr(), *(picture(i, 2 * i) for i in range(1, start + 1))]
+        later = [picture(start + 1, 2 * start + 6), picture(start + 2, 2 * start + 2)]
+        assert [image.video.damage for image in place([*steps, *later])] == [""] * (start + 2) + [B_FRAMES]
 
 
 @pytest.mark.parametrize(("size", "px"), [((1200, 1200), "19200x19200"), ((2**16, 2**16), "1048576x1048576")])
 def test_huge_pictures_are_refused_before_they_are_decoded(size, px):
-    (image,) = place([sps(*size) + b"\0\0\1\x68\xce\x3c\x80" + b"\0\0\1\x65\x88\x84\x00\x10"])
+    (image,) = place([sps(*size) + b"\0\0\1\x65\x88\x84\x00\x10"])
     assert image.video.damage == f"video of {px} px, 1 to 35651584 px are read"
     assert decode(image) is None
 
