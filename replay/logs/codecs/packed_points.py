@@ -8,9 +8,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from fbench.replay.contracts.errors import PointsError
+from fbench.replay.contracts.errors import DecodeError, PointsError
 from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.data.messages import PointCloud, RadarScan
+from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
 
 DOPPLER_FIELDS = (
@@ -178,3 +179,16 @@ def only_finite(cloud: C) -> C:
     arrays = ((f.name, v) for f in fields(cloud) if isinstance(v := getattr(cloud, f.name), np.ndarray))
     points: dict[str, Any] = {name: array[good] for name, array in arrays}
     return replace(cloud, **points)
+
+
+def place(points: C, translation: Float64, rotation_xyzw: Float64) -> C:
+    """Move points by the pose (3,), (4,) that their message gives them; zeros for a rotation are none. Raises
+    DecodeError where it isn't a pose.
+    """
+    if not translation.any() and not rotation_xyzw[:3].any() and rotation_xyzw[3] in (0, 1):
+        return points
+    try:
+        matrix = pose_matrix(translation, rotation_xyzw)
+    except ValueError as error:
+        raise DecodeError(f"pose of the points isn't one ({error})") from error
+    return replace(points, xyz=transform(matrix, points.xyz).astype(np.float32))

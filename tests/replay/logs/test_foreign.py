@@ -6,6 +6,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField as Field
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseProto
@@ -82,6 +83,21 @@ def test_pose_of_the_cloud_is_applied(tmp_path):
     reader, _ = log(tmp_path, ("/points", packed(xyz, [(2, 0, 5)], pose=pose)))
     [cloud] = reader.messages()
     assert cloud.xyz == pytest.approx(np.array([[1, 2, 5]]))
+
+
+def test_planar_scan(tmp_path):
+    pose = PoseProto(position=Vector3(x=1), orientation=Quaternion(z=HALF, w=HALF))
+    scan = LaserScan(
+        timestamp=Timestamp(seconds=3), frame_id="laser", pose=pose, start_angle=-np.pi / 2, end_angle=np.pi / 2,
+        ranges=[2, 0, np.inf, 3], intensities=[5, 6, 7, 8],
+    )  # fmt: skip
+    reader, faults = log(tmp_path, ("/scan", scan))
+    [cloud] = reader.messages()
+    assert isinstance(cloud, PointCloud)
+    assert (cloud.sensor, cloud.stamp_ns) == ("laser", 3_000_000_000)
+    assert cloud.xyz == pytest.approx(np.array([[3, 0, 0], [-2, 0, 0]]), abs=1e-6)
+    assert cloud.intensity.tolist() == [5, 8]
+    assert not faults.counts
 
 
 @pytest.mark.parametrize("name", ["velocity", "doppler"])

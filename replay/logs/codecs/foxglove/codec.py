@@ -7,6 +7,7 @@ import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
@@ -32,10 +33,11 @@ _MAX_BYTES = 8 * 2**20
 """As of messages of ROS: an entity that says nothing takes two bytes, and a hundred times that in memory."""
 
 
-_SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[CompressedImage | RawImage | CloudProto] | None]] = {
+_SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[CompressedImage | RawImage | CloudProto | LaserScan] | None]] = {
     "foxglove.CompressedImage": (("camera",), CompressedImage),
     "foxglove.RawImage": (("camera",), RawImage),
     "foxglove.PointCloud": (("lidar", "radar"), CloudProto),
+    "foxglove.LaserScan": (("lidar",), LaserScan),
     "foxglove.PoseInFrame": (("pose",), None),
     "foxglove.CameraCalibration": (("calibration",), None),
     "foxglove.FrameTransform": (("transform",), None),
@@ -71,7 +73,7 @@ class _FoxgloveCodec:
         message = _SCHEMAS[self.schema][1]
         if message is None:
             return Probe(kind, "")
-        proto = parse(message, split(data, message.DATA_FIELD_NUMBER)[0])
+        proto = parse(message, data if message is LaserScan else split(data, message.DATA_FIELD_NUMBER)[0])
         if isinstance(proto, RawImage):
             layout_name(proto.encoding)
         if isinstance(proto, CloudProto) and is_radar(field.name for field in proto.fields):
@@ -84,6 +86,8 @@ class _FoxgloveCodec:
                 return messages.read_raw_image(data, origin)
             case _, "camera":
                 return messages.read_compressed_image(data, origin)
+            case "foxglove.LaserScan", _:
+                return messages.read_planar(data, origin)
             case _, "lidar":
                 return messages.read_cloud(data, origin)
             case _, "radar":

@@ -1,11 +1,11 @@
 """Codec between sensor messages and the Foxglove Protobuf schemas; exact for every field."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField as Field
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseProto
@@ -14,14 +14,14 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
-from fbench.replay.contracts.errors import DecodeError, PointsError, UnsupportedError
+from fbench.replay.contracts.errors import PointsError, UnsupportedError
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.images import RAW_CHANNELS, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
-from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split, timestamp
-from fbench.replay.logs.codecs.packed_points import C, Columns, PointField, lidar_sweep, radar_scan
+from fbench.replay.logs.codecs.packed_points import Columns, PointField, lidar_sweep, place, radar_scan
+from fbench.replay.logs.codecs.planar import spread_rays
 from fbench.replay.logs.coordinate_frames import BODIES
 
 _TYPES: Mapping[int, str] = {
@@ -31,7 +31,6 @@ _TYPES: Mapping[int, str] = {
 _CODES: Mapping[Any, Any] = {np.dtype(name).newbyteorder("<"): code for code, name in _TYPES.items()}
 WORLD = "world"
 _IDENTITY = PoseProto(position=Vector3(), orientation=Quaternion(w=1.0))
-_UNSET = PoseProto()
 
 
 def image_proto(image: Image) -> RawImage | CompressedImage:
@@ -106,13 +105,15 @@ def read_cloud(data: memoryview, origin: Origin) -> PointCloud:
     or has no coordinates.
     """
     proto, columns = _read_columns(data)
-    return _place(proto, lidar_sweep(columns, _stamp_ns(proto, origin), origin, columns.get(("offset_ns",), "i4")))
+    sweep = lidar_sweep(columns, _stamp_ns(proto, origin), origin, columns.get(("offset_ns",), "i4"))
+    return place(sweep, *arrays(proto.pose.position, proto.pose.orientation))
 
 
 def read_radar(data: memoryview, origin: Origin) -> RadarScan:
     """Decode a radar scan. Raises DecodeError where the message is damaged or has no coordinates."""
     proto, columns = _read_columns(data)
-    return _place(proto, radar_scan(columns, _stamp_ns(proto, origin), origin))
+    scan = radar_scan(columns, _stamp_ns(proto, origin), origin)
+    return place(scan, *arrays(proto.pose.position, proto.pose.orientation))
 
 
 def _read_columns(data: memoryview) -> tuple[CloudProto, Columns]:
@@ -127,15 +128,14 @@ def _read_columns(data: memoryview) -> tuple[CloudProto, Columns]:
     return proto, Columns(fields, _TYPES, points, (1, size // stride if stride else 0), (size, stride))
 
 
-def _place(proto: CloudProto, points: C) -> C:
-    """Move points by the pose that the message gives, where it gives one."""
-    if not proto.HasField("pose") or proto.pose in (_IDENTITY, _UNSET):
-        return points
-    try:
-        matrix = pose_matrix(*arrays(proto.pose.position, proto.pose.orientation))
-    except ValueError as error:
-        raise DecodeError(f"pose of the points isn't one ({error})") from error
-    return replace(points, xyz=transform(matrix, points.xyz).astype(np.float32))
+def read_planar(data: memoryview, origin: Origin) -> PointCloud:
+    """Decode a LaserScan. Raises DecodeError where the message is damaged."""
+    proto = parse(LaserScan, data)
+    ranges, intensities = np.array(proto.ranges, np.float64), np.array(proto.intensities, np.float64)
+    angles = proto.start_angle, proto.end_angle
+    with np.errstate(all="ignore"):  # angles that aren't finite have no points
+        scan = spread_rays(proto.frame_id, _stamp_ns(proto, origin), angles, ranges, intensities)
+        return place(scan.sweep(origin), *arrays(proto.pose.position, proto.pose.orientation))
 
 
 def pose_proto(pose: Pose) -> PoseInFrame:
@@ -180,5 +180,5 @@ def arrays(v: Vector3, q: Quaternion) -> tuple[Float64, Float64]:
     return np.array([v.x, v.y, v.z]), np.array([q.x, q.y, q.z, q.w])
 
 
-def _stamp_ns(proto: RawImage | CompressedImage | CloudProto | PoseInFrame, origin: Origin) -> int:
+def _stamp_ns(proto: RawImage | CompressedImage | CloudProto | LaserScan | PoseInFrame, origin: Origin) -> int:
     return nanoseconds(proto.timestamp) if proto.HasField("timestamp") else origin.publish_ns

@@ -11,7 +11,7 @@ from fbench.replay.contracts.errors import DataError, DecodeError
 from fbench.replay.data.messages import Message
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import SENSORS, Codec, Origin, Probe, TruthPart
-from fbench.replay.logs.codecs.ros import boxes, camera, clouds, poses
+from fbench.replay.logs.codecs.ros import boxes, camera, clouds, lidars, poses
 from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1
 from fbench.replay.logs.codecs.ros.decoder import Decode, decoder, header
 from fbench.replay.logs.codecs.ros.definitions import full_name, has_text, types_of
@@ -37,10 +37,23 @@ class _Type:
 
 
 _TF = _Type(("transform",), transforms=poses.transforms)
+_LIVOX = _Type(("lidar",), lidars.livox_sweep, probe=lidars.probe, layout=lidars.read_livox)
 _POSE = _Type(("odometry",), poses.pose, probe=poses.probe_pose)
 _TYPES: Mapping[str, _Type] = {
     "sensor_msgs/msg/PointCloud2": _Type(
         ("lidar", "radar"), clouds.cloud_message, probe=clouds.probe_cloud, layout=clouds.read_cloud
+    ),
+    "sensor_msgs/msg/LaserScan": _Type(("lidar",), lidars.planar_scan, probe=lidars.probe, layout=lidars.read_rays),
+    "sensor_msgs/msg/MultiEchoLaserScan": _Type(
+        ("lidar",), lidars.planar_scan, probe=lidars.probe, layout=lidars.read_echoes
+    ),
+    "livox_ros_driver/msg/CustomMsg": _LIVOX,
+    "livox_ros_driver2/msg/CustomMsg": _LIVOX,
+    "velodyne_msgs/msg/VelodyneScan": _Type(
+        ("lidar",), lidars.velodyne_sweep, probe=lidars.probe_velodyne, layout=lidars.read_velodyne
+    ),
+    "foxglove_msgs/msg/LaserScan": _Type(
+        ("lidar",), lidars.foxglove_scan, probe=lidars.probe_foxglove, needs_definition=True
     ),
     "sensor_msgs/msg/Image": _Type(
         ("camera",), camera.raw_image, probe=camera.probe_image, layout=camera.read_raw_image
@@ -78,10 +91,10 @@ def ros_codec(channel: Channel) -> Codec | None:
     known = _TYPES.get(name)
     if encoding not in (CDR, ROS1) or known is None or (known.needs_definition and not has_text(channel.schema)):
         return None
-    types = types_of(name, channel.schema, encoding)
     if (layout := known.layout) is None:
-        return _RosCodec(name, known, encoding, decoder(name, types, encoding))
-    if types == types_of(name, None, encoding):
+        return _RosCodec(name, known, encoding, decoder(name, types_of(name, channel.schema, encoding), encoding))
+    types, standard = (types_of(name, schema, encoding, by_rosbags=False) for schema in (channel.schema, None))
+    if types == standard:
         return _RosCodec(name, known, encoding, lambda data: layout(data, encoding))
     raise DecodeError(f"definition of {name} isn't the standard one")
 

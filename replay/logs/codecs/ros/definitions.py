@@ -30,6 +30,19 @@ DEFINITIONS: Mapping[str, str] = {
     "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
     "vision_msgs/msg/Pose2D": "Point2D position\nfloat64 theta",
     "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
+    **{
+        f"{package}/msg/CustomMsg":
+            "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+            "CustomPoint[] points"
+        for package in ("livox_ros_driver", "livox_ros_driver2")
+    },
+    **{
+        f"{package}/msg/CustomPoint":
+            "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\nuint8 line"
+        for package in ("livox_ros_driver", "livox_ros_driver2")
+    },
+    "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nVelodynePacket[] packets",
+    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
     "radar_msgs/msg/RadarScan": "std_msgs/Header header\nRadarReturn[] returns",
     "radar_msgs/msg/RadarReturn":
         "float32 range\nfloat32 azimuth\nfloat32 elevation\nfloat32 doppler_velocity\nfloat32 amplitude",
@@ -43,7 +56,9 @@ DEFINITIONS: Mapping[str, str] = {
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms",
 }  # fmt: skip
-"""Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2 and tf2_msgs."""
+"""Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2, tf2_msgs,
+and of the drivers of Livox and Velodyne.
+"""
 
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
 _TEXTS = ("ros2msg", "ros1msg")
@@ -72,14 +87,17 @@ def has_text(schema: Schema | None) -> bool:
     return schema is not None and schema.encoding in _TEXTS and bool(schema.data.strip())
 
 
-def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
-    """All types of `name`; the log's win. Raises DecodeError where one is damaged, incomplete or not sensible."""
+def types_of(name: str, schema: Schema | None, encoding: str, *, by_rosbags: bool = True) -> Types:
+    """All types of `name`; the log's win. Raises DecodeError where one is damaged, incomplete or, if rosbags is to
+    decode the messages, not sensible.
+    """
     from rosbags.typesys import Stores, get_typestore
 
     standard = get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
     types: Types = {}
     _collect(name, (_embed(name, schema), _parse(DEFINITIONS), standard), types)
-    _measure(name, types, {})
+    if by_rosbags:
+        _measure(name, types, {})
     return types
 
 
