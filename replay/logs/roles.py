@@ -118,8 +118,10 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
     frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS}
     shared = Counter(frame for _, frame in frames)
     found: dict[int, Role] = {}
-    for id_, (kind, frame, world) in probes.items():
+    for id_, (kind, frame, world, doubt) in probes.items():
         topic, codec = topics[id_], codecs[id_]
+        if doubt:
+            container.once("TIM013", (topic,), f"topic '{topic}': {doubt}")
         if kind in SENSORS:
             is_name = frame and frame not in BODIES and shared[frame] == 1
             found[id_] = Role(kind, topic, frame if is_name else topic.strip("/"), frame, codec)

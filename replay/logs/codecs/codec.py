@@ -58,6 +58,7 @@ class Probe(NamedTuple):
     kind: str
     frame_id: str  # Coordinate frame of the sensor, or the one whose pose is given
     world: str = ""  # Coordinate frame in which poses are given
+    doubt: str = ""  # Which times of points aren't understood
 
 
 class Codec(Protocol):

@@ -278,6 +278,20 @@ def test_points_have_rings_and_times_under_common_names(tmp_path):
     assert (sweep.offset_ns.dtype, sweep.offset_ns.tolist()) == (np.int32, [0, 50_000_000])
 
 
+def test_times_that_arent_understood_are_told_once(tmp_path):
+    """Milliseconds of a sweep, in a field that is in seconds elsewhere."""
+    dtype = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")]
+    stamp = Timestamp(seconds=5)
+    sweep = packed(dtype, [(1, 2, 3, 0), (1, 2, 3, 100)], timestamp=stamp)
+    good = packed(dtype, [(1, 2, 3, 0), (1, 2, 3, 0.1)], "other", timestamp=stamp)
+    reader, faults = log(tmp_path, *[("/points", sweep)] * 3, ("/others", good))
+    *rest, other = reader.messages()
+    assert [message.offset_ns for message in rest] == [None] * 3
+    assert other.offset_ns.tolist() == [0, 100_000_000]
+    assert faults.places["TIM013"] == ["log.mcap: topic '/points': its points have 'time'"]
+    assert faults.counts["TIM013"] == 1
+
+
 def test_poses_of_the_body_in_its_own_frame_say_nothing(tmp_path):
     """nuscenes2mcap publishes /pose as the identity in base_link, for viewers to follow."""
     own = PoseInFrame(frame_id="base_link", pose=PoseProto(orientation=Quaternion(w=1)))

@@ -78,7 +78,8 @@ class _FoxgloveCodec:
             layout_name(proto.encoding)
         if isinstance(proto, CloudProto) and is_radar(field.name for field in proto.fields):
             kind = "radar"
-        return Probe(kind, proto.frame_id)
+        doubt = messages.find_doubt(data) if isinstance(proto, CloudProto) and kind == "lidar" else ""
+        return Probe(kind, proto.frame_id, doubt=doubt)
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
         match self.schema, kind:

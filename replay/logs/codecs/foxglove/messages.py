@@ -1,6 +1,7 @@
 """Codec between sensor messages and the Foxglove Protobuf schemas; exact for every field."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from fbench.replay.logs.codecs.codec import Origin
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split, timestamp
 from fbench.replay.logs.codecs.packed_points import Columns, PointField, lidar_sweep, place, radar_scan
 from fbench.replay.logs.codecs.planar import spread_rays
+from fbench.replay.logs.codecs.point_times import read_times
 from fbench.replay.logs.coordinate_frames import BODIES
 
 _TYPES: Mapping[int, str] = {
@@ -101,11 +103,13 @@ def _pack(points: PointCloud | RadarScan, columns: Mapping[str, Array | None]) -
 
 def read_cloud(data: memoryview, origin: Origin) -> PointCloud:
     """Decode a LiDAR sweep; points are moved by the message's pose where it has one. Times of points under other names
-    than that of fbench are read as drivers write them; see `offset_ns`. Raises DecodeError where the message is damaged
-    or has no coordinates.
+    than that of fbench are read as drivers write them; see `read_times`. Raises DecodeError where the message is
+    damaged or has no coordinates.
     """
     proto, columns = _read_columns(data)
-    sweep = lidar_sweep(columns, _stamp_ns(proto, origin), origin, columns.get(("offset_ns",), "i4"))
+    stamp_ns, offsets = _stamp_ns(proto, origin), columns.get(("offset_ns",), "i4")
+    offsets = read_times(columns, stamp_ns).offset_ns if offsets is None else offsets
+    sweep = lidar_sweep(columns, stamp_ns, origin, offsets)
     return place(sweep, *arrays(proto.pose.position, proto.pose.orientation))
 
 
@@ -114,6 +118,15 @@ def read_radar(data: memoryview, origin: Origin) -> RadarScan:
     proto, columns = _read_columns(data)
     scan = radar_scan(columns, _stamp_ns(proto, origin), origin)
     return place(scan, *arrays(proto.pose.position, proto.pose.orientation))
+
+
+def find_doubt(data: memoryview) -> str:
+    """Say why times of the points of a sweep aren't used, if they have any; empty where there is no doubt."""
+    with suppress(PointsError):  # counted where the message is read
+        proto, columns = _read_columns(data)
+        if columns.get(("offset_ns",)) is None and proto.HasField("timestamp"):
+            return read_times(columns, nanoseconds(proto.timestamp)).doubt
+    return ""
 
 
 def _read_columns(data: memoryview) -> tuple[CloudProto, Columns]:
