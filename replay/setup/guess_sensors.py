@@ -66,6 +66,8 @@ _DERIVED: Mapping[str, tuple[str, ...]] = {
     "radar": ("cluster", "clusters", "filtered", "concatenated", "merged", "fused", "combined", "debug", "accumulated",
               "static", "dynamic", "removed"),
 }  # fmt: skip
+_OBJECTS = ("object", "objects", "track", "tracks")
+"""Words in topics with lists of radar objects, which a radar makes of its clusters."""
 """Words in topics that something computed from measurements, or that isn't a picture."""
 _COMPENSATED = ("comp", "compensated", "corrected", "ego")
 _SPEEDS = ("v", "vr", "vx", "doppler", "velocity", "speed", "radial")
@@ -155,7 +157,7 @@ def _drop_derived(
             by_kind[kinds[t.topic][0]].append(t)
     good = []
     for kind, of_kind in by_kind.items():
-        derived = {t.topic: word for t in of_kind if (word := _derivation_word(kind, t.topic))}
+        derived = {t.topic: word for t in of_kind if (word := _derivation_word(kind, t))}
         if len(derived) == len(of_kind) and kind != "camera":
             derived = {}
         why = "its name contains '{}', so it doesn't hold raw measurements"
@@ -164,8 +166,10 @@ def _drop_derived(
     return good
 
 
-def _derivation_word(kind: str, topic: str) -> str:
-    return next((word for word in _words(topic) if word in _DERIVED[kind]), "")
+def _derivation_word(kind: str, topic: SampledTopic) -> str:
+    """A word that says that something computed the points of a cloud, or the objects of a radar's list."""
+    is_list = kind == "radar" and not topic.fields and not topic.schema.endswith("PointCloud2")
+    return next((word for word in _words(topic.topic) if word in (_OBJECTS if is_list else _DERIVED[kind])), "")
 
 
 def _words(name: str) -> list[str]:
@@ -185,7 +189,7 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
             # As they came from the camera they fit K; raw ones have no artifacts, but recorders drop what is large.
             return "rect" in topic, is_thin, "mono" in topic or "gray" in topic, "compressed" in topic, t.topic
         no_doppler = not _doppler_field(t.fields)
-        return _derivation_word(kind, topic) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic
+        return _derivation_word(kind, t) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic
 
     kept: list[SampledTopic] = []
     for t in sorted(topics, key=rank):

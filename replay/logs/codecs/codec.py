@@ -61,6 +61,15 @@ class Probe(NamedTuple):
     doubt: str = ""  # Which times of points aren't understood
 
 
+class Assembler(Protocol):
+    """Joins the messages of one channel, several of which make up a measurement, on one pass over the log."""
+
+    def take(self, data: memoryview, origin: Origin) -> Message | None:
+        """Take a message, in the order of the channel; return the measurement that it shows to be whole, if any, with
+        its log time. Raises DecodeError where it is damaged: what it would have completed goes on without it.
+        """
+
+
 class Codec(Protocol):
     """Decodes the payloads of one channel. Payloads are views of buffers that outlive the call: what is kept of them
     must be copied, once. All methods raise DecodeError where a payload is damaged, and nothing else.
@@ -75,6 +84,9 @@ class Codec(Protocol):
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
         """Decode a measurement or pose."""
+
+    def assembler(self) -> Assembler | None:
+        """Make a new assembler for one pass; `None` where each message is a measurement."""
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
         """Decode transforms: child and its pose in the parent."""

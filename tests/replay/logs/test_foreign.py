@@ -283,11 +283,11 @@ def test_times_that_arent_understood_are_told_once(tmp_path):
     dtype = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")]
     stamp = Timestamp(seconds=5)
     sweep = packed(dtype, [(1, 2, 3, 0), (1, 2, 3, 100)], timestamp=stamp)
-    good = packed(dtype, [(1, 2, 3, 0), (1, 2, 3, 0.1)], "other", timestamp=stamp)
+    good = packed(dtype, [(1, 2, 3, 0), (1, 2, 3, 0.125)], "other", timestamp=stamp)
     reader, faults = log(tmp_path, *[("/points", sweep)] * 3, ("/others", good))
     *rest, other = reader.messages()
     assert [message.offset_ns for message in rest] == [None] * 3
-    assert other.offset_ns.tolist() == [0, 100_000_000]
+    assert other.offset_ns.tolist() == [0, 125_000_000]
     assert faults.places["TIM013"] == ["log.mcap: topic '/points': its points have 'time'"]
     assert faults.counts["TIM013"] == 1
 

@@ -96,6 +96,9 @@ class _FoxgloveCodec:
             case _:
                 return messages.read_pose(data, origin)
 
+    def assembler(self) -> None:
+        """Each message is a measurement."""
+
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
         return [
             (proto.child_frame_id, Edge(proto.parent_frame_id, *messages.arrays(proto.translation, proto.rotation)))

@@ -63,6 +63,7 @@ and of the drivers of Livox and Velodyne.
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
 _TEXTS = ("ros2msg", "ros1msg")
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}/msg/[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
+_PACKAGE = re.compile(r"^((?:MSG: )?[ \t]*)([A-Za-z][A-Za-z0-9_]*)(?=/)", re.ASCII | re.MULTILINE)
 _FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
 _SIZES: Mapping[str, int] = {
     "bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
@@ -77,8 +78,9 @@ Types = dict[str, tuple[list[Any], list[Any]]]  # Constants and fields by full n
 
 
 def full_name(name: str) -> str:
-    """Return `pkg/msg/Name`, also for `pkg/Name`."""
+    """Return `pkg/msg/Name`, also for `pkg/Name`; rosbags knows packages in lower case only, unlike `ars_40X`."""
     parts = name.split("/")
+    parts[0] = parts[0].lower() if len(parts) > 1 else parts[0]
     return "/".join((parts[0], "msg", parts[1])) if len(parts) == 2 else name
 
 
@@ -110,6 +112,7 @@ def _embed(name: str, schema: Schema | None) -> Types:
         text = schema.data.decode()
     except UnicodeDecodeError as error:
         raise DecodeError(f"definition of {name} isn't UTF-8 ({error})") from error
+    text = _PACKAGE.sub(lambda match: match[1] + match[2].lower(), text)
     return _parse({name: text.replace("\r\n", "\n").rstrip() + "\n"})
 
 
