@@ -51,11 +51,15 @@ def roles(container: Container) -> dict[int, Role]:
     """
     found: dict[int, Role] = {}
     foreign: dict[int, Codec] = {}
-    codecs = Codecs()
+    unused: dict[int, Channel] = {}
+    codecs = Codecs(container)
     for id_, channel in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
         topic = channel.topic
         try:
             codec = codecs.of(channel)
+        except UnsupportedError as error:
+            container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
+            continue
         except DecodeError as error:  # a damaged or hostile definition makes its topic unreadable, not the log
             container.once("LOG008", (topic,), f"topic '{topic}' can't be decoded: {error}")
             codec = None
@@ -65,8 +69,10 @@ def roles(container: Container) -> dict[int, Role]:
         elif codec is not None:
             foreign[id_] = codec
         else:
-            what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
-            container.once("LOG012", (topic,), f"topic '{topic}' has {what}")
+            unused[id_] = channel
+    for channel in (channel for id_, channel in unused.items() if id_ not in codecs.metadata):
+        what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
+        container.once("LOG012", (channel.topic,), f"topic '{channel.topic}' has {what}")
     schemas: dict[str, str] = {}
     transforms = {id_ for id_, codec in foreign.items() if codec.kinds == ("transform",)}
     for id_ in sorted({*found, *foreign} - transforms):
@@ -80,11 +86,16 @@ def roles(container: Container) -> dict[int, Role]:
 class Codecs:
     """Codecs of channels; those of ROS once a type, as definitions take milliseconds and thousands may share one."""
 
-    def __init__(self) -> None:
+    def __init__(self, container: Container) -> None:
+        self._container = container
+        self.metadata: set[int] = set()
+        """Channels that say how others are decoded."""
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:
-        """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged."""
+        """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged,
+        UnsupportedError where the log lacks what is needed to decode it.
+        """
         if channel.encoding == "protobuf":
             from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
 
@@ -92,7 +103,13 @@ class Codecs:
         if channel.encoding not in _ROS:
             return None
         from fbench.replay.logs.codecs.ros.codec import ros_codec
+        from fbench.replay.logs.codecs.ros.definitions import full_name
+        from fbench.replay.logs.codecs.ros.ouster import PACKETS, ouster_codec
 
+        if full_name(channel.schema_name) in PACKETS:
+            codec, metadata = ouster_codec(self._container, channel)
+            self.metadata |= metadata
+            return codec
         key = channel.encoding, channel.schema
         if key not in self._ros:
             self._ros[key] = ros_codec(channel)

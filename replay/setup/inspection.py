@@ -262,7 +262,7 @@ def _decode(role: Role, entry: Entry, assembly: Assembly) -> Message | None:
 
 
 def _unread_topics(container: Container, found: Mapping[int, Role]) -> tuple[LeftOut, ...]:
-    used, codecs = {role.topic for role in found.values()}, Codecs()
+    used, codecs = {role.topic for role in found.values()}, Codecs(container)
     topics = {c.topic: id_ for id_, c in sorted(container.channels.items(), reverse=True) if c.topic not in used}
     result = []
     for topic, id_ in sorted(topics.items()):
