@@ -32,6 +32,7 @@ class Role:
     size_wh: tuple[int, int] | None = None
     world: str = ""  # Coordinate frame in which poses are given, where messages name it
     is_own: bool = False  # Whether fbench wrote the channel
+    same_as: str = ""  # Topic that holds the measurements of the same device in a better form
 
     @property
     def is_static(self) -> bool:
@@ -132,7 +133,8 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
     probed = {id_: _probe(container, id_, codec) for id_, codec in codecs.items()}
     probes = {id_: probe for id_, probe in probed.items() if probe is not None}
     topics = {id_: container.channels[id_].topic for id_ in probes}
-    frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS}
+    repeats = _find_repeats(container, probes)
+    frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS and id_ not in repeats}
     shared = Counter(frame for _, frame in frames)
     found: dict[int, Role] = {}
     for id_, (kind, frame, world, doubt) in probes.items():
@@ -140,14 +142,45 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
         if doubt:
             container.once("TIM013", (topic,), f"topic '{topic}': {doubt}")
         if kind in SENSORS:
-            is_name = frame and frame not in BODIES and shared[frame] == 1
-            found[id_] = Role(kind, topic, frame if is_name else topic.strip("/"), frame, codec)
+            is_name = frame and frame not in BODIES and shared[frame] == 1 and id_ not in repeats
+            name = frame if is_name else topic.strip("/")
+            found[id_] = Role(kind, topic, name, frame, codec, same_as=repeats.get(id_, ""))
             continue
         # Boxes on a topic that isn't called like ground truth are what some system detected.
         words = topic.lower().replace("_", "/").split("/")
         is_named = any(word.startswith(_TRUTH_WORDS) for word in words) or "groundtruth" in words
         is_detected, of = kind == "truth" and not is_named, frame if kind == "odometry" else ""
         found[id_] = Role("detections" if is_detected else kind, topic, topic.strip("/"), of, codec, world=world)
+    return found
+
+
+_RAW = ("VelodyneScan", "PacketMsg", "CustomMsg", "ClusterList", "EsrEthTx")
+_THIN = ("LaserScan", "Object", "Track")
+
+
+def _detail(schema: str) -> int:
+    """Rank the forms in which drivers publish what a LiDAR or radar measured: 0 for points, 1 for raw forms of them, 2
+    for a plane of them, or the objects that the sensor sees in them.
+    """
+    name = schema.rpartition("/")[2]
+    return 2 if any(word in name for word in _THIN) else 1 if any(word in name for word in _RAW) else 0
+
+
+def _find_repeats(container: Container, probes: Mapping[int, Probe]) -> dict[int, str]:
+    """Find channels with another form of what a better channel has: topics of these, by id of the others. Both are in
+    one coordinate frame; packets of an Ouster, which name none, are in the namespace of the cloud.
+    """
+    ranks = {id_: _detail(container.channels[id_].schema_name) for id_, p in probes.items() if p.kind in SENSORS[1:]}
+    found: dict[int, str] = {}
+    for id_ in (id_ for id_, rank in ranks.items() if rank):
+        channel, probe = container.channels[id_], probes[id_]
+        is_nameless = channel.schema_name.endswith("PacketMsg")
+        for other in (other for other, rank in ranks.items() if rank < ranks[id_] and probes[other].kind == probe.kind):
+            topic = container.channels[other].topic
+            is_near = is_nameless and topic.rpartition("/")[0] == channel.topic.rpartition("/")[0]
+            frame = probes[other].frame_id
+            if is_near or (frame == probe.frame_id and frame and frame not in BODIES):
+                found.setdefault(id_, topic)
     return found
 
 

@@ -189,13 +189,21 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
             # As they came from the camera they fit K; raw ones have no artifacts, but recorders drop what is large.
             return "rect" in topic, is_thin, "mono" in topic or "gray" in topic, "compressed" in topic, t.topic
         no_doppler = not _doppler_field(t.fields)
-        return _derivation_word(kind, t) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic
+        return (
+            t.role.same_as != "",
+            _derivation_word(kind, t) != "",
+            no_doppler,
+            -(t.median_points or 0),
+            is_thin,
+            t.topic,
+        )
 
     kept: list[SampledTopic] = []
     for t in sorted(topics, key=rank):
         stem, frame = stems[t.topic], t.role.frame_id
         own_frame = frame if frame.strip("/") not in BODIES else ""
         same = [o for o in kept if stems[o.topic] == stem or (own_frame and o.role.frame_id == own_frame)]
+        same = same or [o for o in kept if o.topic == t.role.same_as]
         if same:
             out[t.topic] = _why_not(kind, t, same[0], stems)
         else:
@@ -203,6 +211,8 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
 
 
 def _why_not(kind: str, t: SampledTopic, better: SampledTopic, stems: Mapping[str, str]) -> str:
+    if better.topic == t.role.same_as:
+        return f"another form of what {better.topic} holds"
     if stems[t.topic] != stems[better.topic]:
         return f"in the same coordinate frame as {better.topic}, '{t.role.frame_id}', so one device: only one is used"
     if kind == "camera" and "rect" in t.topic.lower() and "rect" not in better.topic.lower():

@@ -11,7 +11,7 @@ from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.typesys import Stores
 from tests.program import fbench
 from tests.replay.logs.codecs.oracles.ouster_packets import START_NS, STEP_NS, metadata, packets
-from tests.replay.logs.codecs.ros.builders import Ros
+from tests.replay.logs.codecs.ros.builders import Ros, cloud, structured
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import PointCloud
@@ -211,3 +211,39 @@ def test_a_log_with_packets_from_init_to_report(log, tmp_path, monkeypatch, capf
         json.loads((Path(f"run-{n}") / "manifest.json").read_text()) for n in (path.name, "copy.mcap", "decoded.mcap")
     ]
     assert [run["num_frames"] for run in runs] == [12] * 3
+
+
+def test_clouds_that_a_driver_made_of_packets_come_first(tmp_path, monkeypatch, capfd):
+    """A bag with `/ouster/points` beside the packets, and with a planar scan of the same device."""
+    monkeypatch.chdir(tmp_path)
+    made = Log("bag")
+    made.text(metadata(PROFILE))
+    made.transform("os_sensor")
+    made.turns()
+    ros, axis = made.ros, np.arange(5, dtype="f4")
+    for i in range(5):
+        stamp_ns = START_NS + i * PERIOD_NS
+        stamp = divmod(stamp_ns, 10**9)
+        points = cloud(ros, structured(x=axis, y=axis + i, z=axis), frame_id="os_sensor", stamp=stamp)
+        made.items.append(("/ouster/points", stamp_ns + 70 * MS, points))
+        ranges, none = np.ones(4, np.float32), np.zeros(0, np.float32)
+        scan = ros.make("sensor_msgs/msg/LaserScan", ros.header("os_sensor", stamp), 0.0, 1.0, 0.1, 0.0, 0.1, 0.1, 9.0,
+                        ranges, none)  # fmt: skip
+        made.items.append(("/ouster/scan", stamp_ns + 71 * MS, scan))
+    path = made.write(tmp_path)
+    reader, faults = opened(path)
+    assert {m.sensor for m in reader.messages()} == {"os_sensor"}
+    assert [len(m.xyz) for m in reader.messages()] == [5] * 5
+    left_out = [place for place in faults.places["LOG012"] if "is left out" in place]
+    assert all("'/ouster/points' holds the measurements of the same sensor" in place for place in left_out)
+    assert len(left_out) == 2
+    assert fbench("init", path) == 0
+    text = Path("fbench.toml").read_text()
+    assert 'topic = "/ouster/points"' in text
+    assert "#   /ouster/lidar_packets: another form of what /ouster/points holds" in text
+    text = text.replace('topic = "/ouster/points"', 'topic = "/ouster/lidar_packets"\nframe = "os_sensor"')
+    Path("fbench.toml").write_text(text)
+    capfd.readouterr()
+    assert fbench("log", "info", path, "--json") == 0
+    (row,) = json.loads(capfd.readouterr().out)["streams"]
+    assert row["num_messages"] == 5
