@@ -15,7 +15,7 @@ _GENERIC = frozenset(
      "hardware", "rig", "ego")
 )  # fmt: skip
 _TAIL = re.compile(
-    r"(?:^|_)(image|img|points?|point_?cloud2?|cloud|scans?|detections?|targets?|returns|data|raw|ex|rect|rectified"
+    r"(?:^|_)(image|img|packets?|points?|point_?cloud2?|cloud|scans?|detections?|targets?|returns|data|raw|ex|rect|rectified"
     r"|colou?r|mono|gray|bayer|compressed|jpe?g|xyzi?r?t?|converted)$"
 )
 _KIND_WORDS: Mapping[str, tuple[str, ...]] = {
@@ -66,9 +66,9 @@ _DERIVED: Mapping[str, tuple[str, ...]] = {
     "radar": ("cluster", "clusters", "filtered", "concatenated", "merged", "fused", "combined", "debug", "accumulated",
               "static", "dynamic", "removed"),
 }  # fmt: skip
-_OBJECTS = ("object", "objects", "track", "tracks")
-"""Words in topics with lists of radar objects, which a radar makes of its clusters."""
 """Words in topics that something computed from measurements, or that isn't a picture."""
+_CLOUDS = ("PointCloud2", "foxglove.PointCloud", "RadarScan")
+"""Types of messages that also hold points which something computed."""
 _COMPENSATED = ("comp", "compensated", "corrected", "ego")
 _SPEEDS = ("v", "vr", "vx", "doppler", "velocity", "speed", "radial")
 """Words of fields with velocities that are free of the vehicle's own motion, which fbench doesn't read."""
@@ -167,9 +167,10 @@ def _drop_derived(
 
 
 def _derivation_word(kind: str, topic: SampledTopic) -> str:
-    """A word that says that something computed the points of a cloud, or the objects of a radar's list."""
-    is_list = kind == "radar" and not topic.fields and not topic.schema.endswith("PointCloud2")
-    return next((word for word in _words(topic.topic) if word in (_OBJECTS if is_list else _DERIVED[kind])), "")
+    """A word that says that something computed the points of a cloud; lists of clusters are what a radar gives."""
+    if kind == "radar" and topic.schema.rpartition("/")[2] not in _CLOUDS:
+        return ""
+    return next((word for word in _words(topic.topic) if word in _DERIVED[kind]), "")
 
 
 def _words(name: str) -> list[str]:
