@@ -15,7 +15,7 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
-from fbench.replay.contracts.errors import PointsError, UnsupportedError
+from fbench.replay.contracts.errors import DecodeError, PointsError, UnsupportedError
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.images import RAW_CHANNELS, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
@@ -32,6 +32,7 @@ _TYPES: Mapping[int, str] = {
 }  # fmt: skip
 _CODES: Mapping[Any, Any] = {np.dtype(name).newbyteorder("<"): code for code, name in _TYPES.items()}
 WORLD = "world"
+_MAX_SCAN = 4 * 2**20  # Of a planar scan: 250,000 rays
 _IDENTITY = PoseProto(position=Vector3(), orientation=Quaternion(w=1.0))
 
 
@@ -142,7 +143,9 @@ def _read_columns(data: memoryview) -> tuple[CloudProto, Columns]:
 
 
 def read_planar(data: memoryview, origin: Origin) -> PointCloud:
-    """Decode a LaserScan. Raises DecodeError where the message is damaged."""
+    """Decode a LaserScan. Raises DecodeError where the message is damaged or too large."""
+    if len(data) > _MAX_SCAN:
+        raise DecodeError(f"scan of {len(data)} bytes, more than {_MAX_SCAN}")
     proto = parse(LaserScan, data)
     ranges, intensities = np.array(proto.ranges, np.float64), np.array(proto.intensities, np.float64)
     angles = proto.start_angle, proto.end_angle

@@ -15,6 +15,7 @@ from fbench.replay.logs.codecs.ros.cursor import Cursor, Header, nanoseconds
 from fbench.replay.logs.codecs.ros.decoder import get, stamp_ns
 
 _MAX_RAYS = 200_000  # Of a turn; a thousand times less is usual
+_MAX_PACKETS = 10_000  # Of a turn; a VLS-128 in dual mode sends 2,500 at its slowest
 
 
 class _Rays(NamedTuple):
@@ -33,6 +34,7 @@ def read_rays(data: memoryview, encoding: str) -> PlanarScan:
     cursor = Cursor(data, encoding)
     head, ranges, intensities = _read_head(cursor), cursor.floats(), cursor.floats()
     cursor.end()
+    _require_few(len(ranges))
     return _planar(head, np.arange(len(ranges)), ranges, intensities)
 
 
@@ -43,13 +45,18 @@ def read_echoes(data: memoryview, encoding: str) -> PlanarScan:
     parts: list[list[Array]] = []
     for _ in range(2):
         num = cursor.uint32()
-        if num > _MAX_RAYS:
-            raise DecodeError(f"scan has {num} rays, at most {_MAX_RAYS} are read")
+        _require_few(num)
         parts.append([cursor.floats() for _ in range(num)])
     cursor.end()
+    _require_few(sum(map(len, parts[0])))
     ranges, intensities = (np.concatenate([np.zeros(0, np.float32), *part]) for part in parts)
     rays = np.repeat(np.arange(len(parts[0])), [len(echoes) for echoes in parts[0]])
     return _planar(head, rays, ranges, intensities)
+
+
+def _require_few(num: int) -> None:
+    if num > _MAX_RAYS:
+        raise DecodeError(f"scan of {num} rays, at most {_MAX_RAYS} are read")
 
 
 def _read_head(cursor: Cursor) -> _Rays:
@@ -159,7 +166,10 @@ def read_velodyne(data: memoryview, encoding: str) -> VelodyneScan:
     """Read a VelodyneScan. Raises DecodeError where the payload is damaged."""
     cursor = Cursor(data, encoding)
     header = cursor.header()
-    rows = cursor.rows(_PACKET, cursor.uint32())
+    num = cursor.uint32()
+    if num > _MAX_PACKETS:
+        raise DecodeError(f"scan of {num} packets, at most {_MAX_PACKETS} are read")
+    rows = cursor.rows(_PACKET, num)
     cursor.end()
     stamps = (nanoseconds(int(sec), int(nanosec)) for sec, nanosec in zip(rows["sec"], rows["nanosec"], strict=True))
     return VelodyneScan(header, tuple(stamps), np.ascontiguousarray(rows["data"]))

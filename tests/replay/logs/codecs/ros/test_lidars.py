@@ -69,6 +69,18 @@ def test_planar_scans_that_are_damaged():
         ros.codec(SCAN).message("lidar", data[:-5], ORIGIN)
 
 
+def test_scans_that_are_too_large():
+    """Each range grows tenfold while it is decoded, each packet thirtyfold."""
+    ros, many = Ros(Stores.ROS2_JAZZY, VELODYNE), np.ones(200_001, np.float32)
+    with pytest.raises(DecodeError, match="scan of 200001 rays, at most 200000"):
+        read(ros, planar(ros, SCAN, many, floats([])))
+    with pytest.raises(DecodeError, match="scan of 200001 rays, at most 200000"):
+        read(ros, planar(ros, ECHOES, [ros.make(ECHO, many)], []))
+    head = ros.write(velodyne_scan(ros, [], []))
+    with pytest.raises(DecodeError, match="scan of 10001 packets, at most 10000"):
+        ros.codec(NAME).message("lidar", memoryview(bytes(head[:-4]) + (10_001).to_bytes(4, "little")), ORIGIN)
+
+
 @every_distro
 def test_each_echo_is_a_point(distro):
     ros = Ros(distro)
