@@ -97,10 +97,11 @@ class LogReader:
     def bursts(self) -> Mapping[str, float]:
         """How many messages make a measurement of the sensors that send several, by name."""
         means: dict[str, float] = {}
+        assembled = self._assemblers.keys()
         counts = self.container.counts
         times = self.container.log_times() if sum(counts.values()) <= _FEW_MESSAGES else None
         for id_ in sorted(self._channels("lidar", "radar")):
-            if id_ in self._assemblers:
+            if id_ in assembled:
                 continue
             if times is not None and not (np.diff(times.get(id_, _NO_TIMES)[:NUM_PROBED]) <= MAX_BURST_NS).any():
                 continue

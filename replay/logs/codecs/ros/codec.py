@@ -92,7 +92,12 @@ _TYPES: Mapping[str, _Type] = {
         for package in ("autoware_perception_msgs", "autoware_auto_perception_msgs")
         for name in ("Detected", "Tracked", "Predicted")
     },
-    "derived_object_msgs/msg/ObjectArray": _Type(("truth",), truth=boxes.decode_derived_objects, needs_definition=True),
+    **{
+        f"derived_object_msgs/msg/{name}Array": _Type(
+            ("truth",), truth=boxes.decode_derived_objects, needs_definition=True
+        )
+        for name in ("Object", "ObjectWithCovariance")
+    },
     "foxglove_msgs/msg/SceneUpdate": _Type(("truth",), truth=boxes.scene_update, needs_definition=True),
     "visualization_msgs/msg/MarkerArray": _Type(("detections",), truth=boxes.marker_boxes),
 }

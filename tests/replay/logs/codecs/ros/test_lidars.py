@@ -178,6 +178,18 @@ def velodyne_scan(ros, data, stamps):
     return ros.make(NAME, ros.header("velodyne"), parts)
 
 
+def small_messages(ros):
+    """One message of each type, for the tests of damage."""
+    echoes = [ros.make(ECHO, floats([1, 2]))]
+    points = [ros.make("livox_ros_driver/msg/CustomPoint", *point) for point in POINTS]
+    livox_parts = ros.header(), STAMP_NS, 3, 1, np.zeros(3, np.uint8), points
+    return (
+        planar(ros, SCAN, floats(RANGES), floats(INTENSITIES)), planar(ros, ECHOES, echoes, echoes),
+        ros.make("livox_ros_driver/msg/CustomMsg", *livox_parts),
+        velodyne_scan(ros, packets(0x22, STRONGEST, num=1), [STAMP]),
+    )  # fmt: skip
+
+
 @every_distro
 @pytest.mark.parametrize("text", [False, True])
 def test_velodyne(distro, text):
