@@ -65,9 +65,9 @@ def main() -> None:
         own_s = best_s(partial(velodyne.decode, data), clock=time.process_time)
         report(name, own_s, (points.xyz, points.intensity, points.ring))
     sensor, packets = ouster()
-    turn = sensor.turn(packets)
+    turn = sensor.decode(packets)
     assert turn is not None
-    own_s = best_s(partial(sensor.turn, packets), clock=time.process_time)
+    own_s = best_s(partial(sensor.decode, packets), clock=time.process_time)
     report("Ouster, 128 beams", own_s, (turn.xyz, turn.intensity, turn.ring))
 
 

@@ -90,7 +90,7 @@ class Codecs:
     def __init__(self, container: Container) -> None:
         self._container = container
         self.metadata: set[int] = set()
-        """Channels that say how others are decoded."""
+        """Channels that say how others are decoded, or hold nothing of interest."""
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:

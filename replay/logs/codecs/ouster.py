@@ -106,7 +106,7 @@ class OusterFormat:
         at = 10 if self.profile == _LEGACY else 2
         return int.from_bytes(packet[at : at + 2], "little")
 
-    def turn(self, packets: Sequence[bytes]) -> Turn | None:
+    def decode(self, packets: Sequence[bytes]) -> Turn | None:
         """Return the points of the packets of one turn, column by column; `None` where no column is valid."""
         start, end = self._columns_at[0], self.packet_size - self._columns_at[1]
         data = b"".join(packet[start:end] for packet in packets)

@@ -25,7 +25,7 @@ class PlanarScan:
     """(N,); (0,) where the sensor gives none."""
     time_s: Float64 | None = None  # (N,) after the stamp; `None` where the message doesn't say
 
-    def sweep(self, origin: Origin) -> PointCloud:
+    def to_sweep(self, origin: Origin) -> PointCloud:
         """Return the valid points. Raises PointsError where there are more or fewer intensities than ranges."""
         num, good = len(self.range_m), self.is_valid
         intensity = None if self.intensity is None or not len(self.intensity) else self.intensity

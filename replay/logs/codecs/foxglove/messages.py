@@ -151,7 +151,7 @@ def read_planar(data: memoryview, origin: Origin) -> PointCloud:
     angles = proto.start_angle, proto.end_angle
     with np.errstate(all="ignore"):  # angles that aren't finite have no points
         scan = spread_rays(proto.frame_id, _stamp_ns(proto, origin), angles, ranges, intensities)
-        return place(scan.sweep(origin), *arrays(proto.pose.position, proto.pose.orientation))
+        return place(scan.to_sweep(origin), *arrays(proto.pose.position, proto.pose.orientation))
 
 
 def pose_proto(pose: Pose) -> PoseInFrame:

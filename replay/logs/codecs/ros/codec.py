@@ -42,7 +42,7 @@ _TF = _Type(("transform",), transforms=poses.transforms)
 
 
 def _radar(layout: radar_lists.RadarList) -> _Type:
-    return _Type(("radar",), radar_lists.reader(layout), probe=radar_lists.probe, needs_definition=True)
+    return _Type(("radar",), radar_lists.make_reader(layout), probe=radar_lists.probe, needs_definition=True)
 
 
 _LIVOX = _Type(("lidar",), lidars.livox_sweep, probe=lidars.probe, layout=lidars.read_livox)

@@ -79,7 +79,7 @@ def probe(scan: Any, encoding: str) -> Probe:
 
 def planar_scan(kind: str, scan: PlanarScan, encoding: str, origin: Origin) -> PointCloud:
     """Return the points of a planar scan."""
-    return scan.sweep(origin)
+    return scan.to_sweep(origin)
 
 
 def probe_foxglove(message: Any, encoding: str) -> Probe:
@@ -98,7 +98,7 @@ def foxglove_scan(kind: str, message: Any, encoding: str, origin: Origin) -> Poi
     translation, rotation = (
         np.array([get(part, axis) for axis in axes], np.float64) for part, axes in ((where, "xyz"), (turn, "xyzw"))
     )
-    return place(scan.sweep(origin), translation, rotation)
+    return place(scan.to_sweep(origin), translation, rotation)
 
 
 class LivoxPoints(NamedTuple):

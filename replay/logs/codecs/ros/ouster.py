@@ -26,12 +26,12 @@ _MAX_LATE = 3
 
 
 def ouster_codec(container: Container, channel: Channel) -> tuple[Codec | None, frozenset[int]]:
-    """Return the codec of a channel with packets, and the channel of its metadata; none for packets of the IMU. Raises
-    UnsupportedError where the metadata aren't in the log, or the packets have a form that isn't read; DecodeError where
-    the metadata are damaged.
+    """Return the codec of a channel with packets, and the channel of its metadata; for packets of the IMU no codec, and
+    their channel, as nothing is missed in them. Raises UnsupportedError where the metadata aren't in the log, or the
+    packets have a form that isn't read; DecodeError where the metadata are damaged.
     """
     if "imu" in channel.topic.rpartition("/")[2].lower():
-        return None, frozenset()
+        return None, frozenset(id_ for id_, other in container.channels.items() if other is channel)
     id_, text = _find_metadata(container, channel.topic)
     if id_ is None:
         raise UnsupportedError(
@@ -134,7 +134,7 @@ class TurnAssembler(Assembler):
 
     def _finish(self, origin: Origin) -> PointCloud | None:
         packets, self._packets = self._packets, []
-        turn = self._form.turn(packets) if packets else None
+        turn = self._form.decode(packets) if packets else None
         if turn is None:
             return None
         is_same_clock = turn.start_ns > 0 and abs(turn.start_ns - self._first_ns) <= _SAME_CLOCK_NS

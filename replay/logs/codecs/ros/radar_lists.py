@@ -110,7 +110,7 @@ def probe(message: Any, encoding: str) -> Probe:
     return Probe("radar", _header(message, encoding).frame_id)
 
 
-def reader(layout: RadarList) -> Callable[[str, Any, str, Origin], RadarScan]:
+def make_reader(layout: RadarList) -> Callable[[str, Any, str, Origin], RadarScan]:
     """Return a function that reads messages with this list."""
 
     def read(kind: str, message: Any, encoding: str, origin: Origin) -> RadarScan:

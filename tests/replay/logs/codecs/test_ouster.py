@@ -29,7 +29,7 @@ def test_points_are_those_of_the_makers_library(key):
     form, _, profile = key.rpartition(" ")
     sensor = read_metadata(metadata(profile, old=form == "old", up_mm=7.5 if form == "up" else 0.0))
     assert (sensor.packet_size, sensor.packets_per_turn) == (len(packets(profile)[0]), 4)
-    turn = sensor.turn(packets(profile))
+    turn = sensor.decode(packets(profile))
     column = np.rint(turn.time_ns / STEP_NS)
     assert (turn.start_ns, len(turn.xyz)) == (START_NS, ORACLE[key]["num"])
     for number, beam, *xyz, intensity in ORACLE[key]["rows"]:
@@ -49,7 +49,7 @@ def one_pixel(column: int, beam: int, range_mm: int, signal: int) -> bytes:
 
 def test_a_single_pixel():
     """Column 128 of 512 is a quarter turn clockwise; beams begin 15.8 mm from the axis."""
-    turn = read_metadata(metadata(SINGLE)).turn([one_pixel(WIDTH // 4, 2, 10_015, 600)])
+    turn = read_metadata(metadata(SINGLE)).decode([one_pixel(WIDTH // 4, 2, 10_015, 600)])
     azimuth, altitude = np.deg2rad(-90 + 1.4), np.deg2rad(20 - 2 * 40 / 15)
     flat = (10.015 - 0.0158) * np.cos(altitude)
     expected = [flat * np.cos(azimuth), flat * np.sin(azimuth) - 0.0158, (10.015 - 0.0158) * np.sin(altitude)]
@@ -61,11 +61,11 @@ def test_a_single_pixel():
 def test_invalid_columns_are_left_out():
     words = np.full((PER_PACKET, HEIGHT, 3), 5000, np.uint32)
     sensor = read_metadata(metadata(SINGLE))
-    assert sensor.turn([packet(SINGLE, 1, 0, words, valid=0)]) is None
-    turn = sensor.turn([packet(SINGLE, 1, 0, words, valid=0), packet(SINGLE, 1, 16, words)])
+    assert sensor.decode([packet(SINGLE, 1, 0, words, valid=0)]) is None
+    turn = sensor.decode([packet(SINGLE, 1, 0, words, valid=0), packet(SINGLE, 1, 16, words)])
     assert len(turn.xyz) == PER_PACKET * HEIGHT
     beyond = packet(SINGLE, 1, WIDTH - 8, words)  # eight columns that a turn doesn't have
-    assert len(sensor.turn([beyond]).xyz) == 8 * HEIGHT
+    assert len(sensor.decode([beyond]).xyz) == 8 * HEIGHT
 
 
 def test_a_window_across_the_first_column():
