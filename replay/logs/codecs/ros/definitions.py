@@ -97,7 +97,7 @@ def types_of(name: str, schema: Schema | None, encoding: str, *, by_rosbags: boo
 
     standard = get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
     types: Types = {}
-    _collect(name, (_embed(name, schema), _parse(DEFINITIONS), standard), types)
+    _collect(name, (_embed(name, schema), standard), types)
     if by_rosbags:
         _measure(name, types, {})
     return types
@@ -130,13 +130,18 @@ def _parse(texts: Mapping[str, str]) -> Types:
     return types
 
 
-def _collect(name: str, sources: tuple[Types, ...], types: Types) -> None:
-    """Add a type and those of its fields; constants are left out, nothing needs them."""
+def _collect(name: str, sources: tuple[Types, Types], types: Types) -> None:
+    """Add a type and those of its fields: as the log gives it, else as `DEFINITIONS`, else as the standard does.
+    Constants are left out, nothing needs them.
+    """
     if name in types:
         return
     if not _TYPE.fullmatch(name):
         raise DecodeError(f"'{name[:80]}' isn't the name of a message type")
-    fields = next((source[name][1] for source in sources if name in source), None)
+    first, standard = sources
+    if name not in first and name in DEFINITIONS:
+        first = _parse({name: DEFINITIONS[name]})  # one at a time: all take 8 ms
+    fields = first.get(name, standard.get(name, (None, None)))[1]
     if fields is None:
         raise DecodeError(f"definition of {name} is missing")
     if len(types) >= _MAX_TYPES or len(fields) > _MAX_FIELDS:
