@@ -13,6 +13,7 @@ from tests.replay.logs.driver_logs import MS, DriverLog
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.codecs.velodyne import decode
 from fbench.replay.logs.open import open_log
+from fbench.replay.setup.init import draft_of, write_toml
 
 START_NS = 1_700_000_000_000_000_000
 NUM = 6
@@ -83,3 +84,25 @@ def test_the_drive_is_set_up_and_replayed(drive, tmp_path, monkeypatch, capfd):
     assert fbench("replay", "copy.parquet", "-p", "late3d", "-o", "again") == 0
     digests = [json.loads(Path(run, "manifest.json").read_text())["digest"] for run in ("run", "again")]
     assert digests[0] == digests[1]
+
+
+def test_clusters_come_before_the_objects_of_the_same_radar(tmp_path):
+    fields = "\n".join(test_radar_lists.WORDS["ars408"])
+    definitions = {f"ars/msg/{name}": fields for name in ("Cluster", "Object")}
+    definitions |= {
+        f"ars/msg/{name}List": f"std_msgs/Header header\n{name}[] parts\n" for name in ("Cluster", "Object")
+    }
+    log = DriverLog("bag", definitions, START_NS)
+    for frame in ("radar", "rear"):
+        log.transform(frame)
+    for i, (name, frame) in enumerate([("Object", "radar"), ("Cluster", "radar"), ("Object", "rear")]):
+        parts = [log.ros.make(f"ars/msg/{name}", 1, 5.0, 1.0, -1.0, 0.0, 0, 3.0)] * (i + 1)
+        message = log.ros.make(f"ars/msg/{name}List", log.ros.header(frame), parts)
+        log.add(f"/{frame}/{name.lower()}s", START_NS + i, message)
+    path = log.write(tmp_path)
+    reader = open_log(path, FaultLog())
+    assert {m.sensor: len(m.xyz) for m in reader.messages()} == {"radar": 2, "rear": 3}
+    text = write_toml(draft_of(path, tmp_path / "fbench.toml", FaultLog())).text
+    assert 'topic = "/radar/clusters"' in text
+    assert 'topic = "/rear/objects"' in text
+    assert "#   /radar/objects: another form of what /radar/clusters holds" in text
