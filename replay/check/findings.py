@@ -56,6 +56,7 @@ RULES: Mapping[str, Rule] = {
     "TIM011": Rule("warning", "let the driver stamp its messages"),
     "TIM012": Rule("warning", "give --offset SENSOR=MS",
                    "with other stamps, a sensor's points would fit the truth boxes clearly better"),
+    "TIM013": Rule("warning", "let the driver write times as ns after the stamp; the points count as measured at once"),
     "GT001": Rule("info", "nothing, if no scores are needed", "no ground truth"),
     "GT003": Rule("error", "give every object of a frame its own id", "two boxes of one frame have the same id"),
     "GT004": Rule("error", "repair or remove these boxes", "a box isn't finite or has no size"),

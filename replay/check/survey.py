@@ -71,8 +71,8 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
         if by_channel is not None and role.kind in MESSAGES:
             parts = [times.get(role.sensor, np.zeros(0, np.int64)), by_channel.get(id_, np.zeros(0, np.int64))]
             times[role.sensor] = np.sort(np.concatenate(parts), kind="stable")
-    for name in sorted(reader.bursts.keys() & times.keys()):
-        times[name] = times[name][:: round(reader.bursts[name])]  # of measurements
+    for name in sorted(reader.parts.keys() & times.keys()):
+        times[name] = times[name][:: round(reader.parts[name])]  # of measurements
     breaks: tuple[str, ...] | None = None
     if by_channel is not None:
         steps = np.diff(times.get(reference or "", np.zeros(0, np.int64)))

@@ -21,7 +21,7 @@ def arrange(roles: Mapping[int, Role], container: Container, setup: Setup) -> di
     topics that aren't in the log, that hold something else, or one topic twice.
     """
     _require_once(setup)
-    found = _choose_sensors(roles, container, setup) if setup.sensors else dict(roles)
+    found = _choose_sensors(roles, container, setup) if setup.sensors else _drop_repeats(roles, container)
     if setup.pose:
         _require_topics(f"{setup.source}: body.pose", (setup.pose,), found, (*_POSES, "transform"), container)
         poses = {id_: role for id_, role in sorted(found.items()) if role.kind in _POSES and role.topic == setup.pose}
@@ -38,6 +38,15 @@ def arrange(roles: Mapping[int, Role], container: Container, setup: Setup) -> di
             is_truth = role.topic in (setup.truth_topics or ()) and not is_result
             found[id_] = replace(role, kind="truth" if is_truth else "detections")
     return found
+
+
+def _drop_repeats(roles: Mapping[int, Role], container: Container) -> dict[int, Role]:
+    """Leave out topics of which another one has the measurements in a better form."""
+    for _, role in sorted(roles.items()):
+        if role.same_as:
+            what = f"'{role.same_as}' holds the measurements of the same sensor"
+            container.once("LOG012", (role.topic,), f"topic '{role.topic}' is left out: {what}")
+    return {id_: role for id_, role in roles.items() if not role.same_as}
 
 
 def _require_once(setup: Setup) -> None:

@@ -9,6 +9,7 @@ from fbench.replay.contracts.errors import DataError, DecodeError, LogError, Poi
 from fbench.replay.data.classes import ClassMap
 from fbench.replay.data.messages import Image, Message, Pose, Truth
 from fbench.replay.logs.arrange import apply_setup
+from fbench.replay.logs.assembly import Assembly
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import Codec, Origin, TruthPart
 from fbench.replay.logs.codecs.video.stream import VideoStreams
@@ -31,17 +32,18 @@ class EventDecoder:
         self._roles, self._setup = calibration.roles, calibration.setup
 
     def message(
-        self, entry: Entry, moving: TfPoses | None = None, videos: VideoStreams | None = None
+        self, entry: Entry, moving: TfPoses | None, assembly: Assembly, videos: VideoStreams | None = None
     ) -> Message | None:
-        """Decode a measurement or pose; `moving` composes poses from transforms, `videos` tells how pictures follow
-        each other. `None` where it can't be read, or is only a part of the next message.
+        """Decode a measurement or pose; `moving` composes poses from transforms, `assembly` measurements from parts,
+        `videos` tells how pictures follow each other. `None` where it can't be read, isn't whole yet, or is only a part
+        of the next message.
         """
-        message = self._read(entry, moving)
+        message = self._read(entry, moving, assembly)
         if videos is None or not isinstance(message, Image):
             return message
         return videos.take(entry.topic, message)
 
-    def _read(self, entry: Entry, moving: TfPoses | None) -> Message | None:
+    def _read(self, entry: Entry, moving: TfPoses | None, assembly: Assembly) -> Message | None:
         role = self._roles[entry.channel]
         try:
             _check(entry)
@@ -53,7 +55,10 @@ class EventDecoder:
             if moving is not None and entry.channel in self._calibration.tf.channels:
                 codec = _codec(role)
                 return moving.take(codec.transforms(entry.data), codec.stamps(entry.data), entry.log_ns)
-            message = _codec(role).message(role.kind, entry.data, _origin(role, entry))
+            origin = make_origin(role, entry)
+            message = assembly.message(entry.channel, _codec(role), role.kind, entry.data, origin)
+            if message is None:
+                return None
             if isinstance(message, Pose) and not role.is_own:
                 message = self._of_body(message, role.frame_id)
             return apply_setup(self._stamp(entry, message), self._setup)
@@ -67,7 +72,7 @@ class EventDecoder:
         try:
             _check(entry)
             if isinstance(entry.data, memoryview):
-                part = _codec(role).truth(entry.data, _origin(role, entry))
+                part = _codec(role).truth(entry.data, make_origin(role, entry))
                 part = replace(part, truth=self._stamp(entry, part.truth))
             elif isinstance(stored := entry.data.read(), TruthPart):
                 part = stored
@@ -132,7 +137,8 @@ def _codec(role: Role) -> Codec:
     return role.codec
 
 
-def _origin(role: Role, entry: Entry) -> Origin:
+def make_origin(role: Role, entry: Entry) -> Origin:
+    """Return what the container says about a message."""
     number = entry.sequence if role.numbered else None
     return Origin(role.sensor, entry.log_ns, entry.publish_ns, number, role.size_wh)
 

@@ -13,13 +13,14 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.logs.arrange import arrange, box_channels, facts, rename
+from fbench.replay.logs.assembly import Assembly, count_parts
 from fbench.replay.logs.bursts import MAX_BURST_NS, NUM_PROBED, join_bursts, mean_parts
 from fbench.replay.logs.calibration import LogCalibration
-from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, TruthPart
+from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Assembler, TruthPart
 from fbench.replay.logs.codecs.video.stream import VideoStreams
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames
-from fbench.replay.logs.events import EventDecoder
+from fbench.replay.logs.events import EventDecoder, make_origin
 from fbench.replay.logs.roles import roles, select, sensor_roles
 from fbench.replay.logs.setup import BoxSource, Setup
 from fbench.replay.logs.truth import join_parts, pair_parts
@@ -87,7 +88,7 @@ class LogReader:
         names += [(id_, self._calibration.tf.name) for id_ in sorted(self._calibration.tf.channels)]
         for id_, name in names:
             counts[name] += self.container.counts.get(id_, 0)
-        for name, parts in self.bursts.items():
+        for name, parts in self.parts.items():
             counts[name] = round(counts[name] / parts)
         if num := sum(self.container.counts.get(id_, 0) for id_ in self.tick_channels):
             counts[BOXES] = num
@@ -97,15 +98,36 @@ class LogReader:
     def bursts(self) -> Mapping[str, float]:
         """How many messages make a measurement of the sensors that send several, by name."""
         means: dict[str, float] = {}
+        assembled = self._assemblers.keys()
         counts = self.container.counts
         times = self.container.log_times() if sum(counts.values()) <= _FEW_MESSAGES else None
         for id_ in sorted(self._channels("lidar", "radar")):
+            if id_ in assembled:
+                continue
             if times is not None and not (np.diff(times.get(id_, _NO_TIMES)[:NUM_PROBED]) <= MAX_BURST_NS).any():
                 continue
             entries = self.container.entries(frozenset([id_]))
-            if (mean := mean_parts(self._decoder.message(entry) for entry in entries)) > 1:
+            messages = (self._decoder.message(entry, None, Assembly()) for entry in entries)
+            if (mean := mean_parts(messages)) > 1:
                 means[self.roles[id_].sensor] = mean
         return means
+
+    @cached_property
+    def parts(self) -> Mapping[str, float]:
+        """How many messages make a measurement on average, by name of the sensor: in bursts, or as packets."""
+        found = dict(self.bursts)
+        for id_, assembler in self._assemblers.items():
+            role, entries = self.roles[id_], self.container.entries(frozenset([id_]))
+            given = ((e.data, make_origin(role, e)) for e in entries if isinstance(e.data, memoryview))
+            found[role.sensor] = count_parts(assembler, given)
+        return found
+
+    @property
+    def _assemblers(self) -> Mapping[int, Assembler]:
+        """New assemblers of the channels with parts of measurements."""
+        codecs = {id_: self.roles[id_].codec for id_ in sorted(self._channels(*SENSORS))}
+        made = {id_: None if codec is None else codec.assembler() for id_, codec in codecs.items()}
+        return {id_: assembler for id_, assembler in made.items() if assembler is not None}
 
     @cached_property
     def tick_channels(self) -> frozenset[int]:
@@ -143,7 +165,8 @@ class LogReader:
 
     def _events(self, channels: frozenset[int], ticks: frozenset[int] = frozenset()) -> Iterator[tuple[Entry, Event]]:
         """Yield entries with what each holds; changes of the rig come before messages and `ticks`."""
-        changes, moving, videos = self._calibration.changes(), self._calibration.tf.poses(), VideoStreams()
+        changes, moving = self._calibration.changes(), self._calibration.tf.poses()
+        assembly, videos = Assembly(), VideoStreams()
         for entry in changes.follow(self.container.entries(channels | changes.channels)):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
             is_message = kind in MESSAGES or entry.channel in self._calibration.tf.channels
@@ -151,7 +174,7 @@ class LogReader:
                 for change in changes.until(entry.log_ns):
                     yield entry, change
             if is_message:
-                yield entry, self._decoder.message(entry, moving, videos)
+                yield entry, self._decoder.message(entry, moving, assembly, videos)
             elif kind in ("truth", "detections"):
                 yield entry, self._decoder.truth_part(entry)
             else:
@@ -169,7 +192,7 @@ class LogReader:
         """Poses of the body alone, in canonical order."""
         moving = self._calibration.tf.poses()
         for entry in self.container.entries(self._channels("pose") | self._calibration.tf.channels):
-            pose = self._decoder.message(entry, moving)
+            pose = self._decoder.message(entry, moving, Assembly())
             if isinstance(pose, Pose):
                 yield pose
 

@@ -38,6 +38,7 @@ class Role:
     size_wh: tuple[int, int] | None = None
     world: str = ""  # Coordinate frame in which poses are given, where messages name it
     is_own: bool = False  # Whether fbench wrote the channel
+    same_as: str = ""  # Topic that holds the measurements of the same device in a better form
 
     @property
     def is_static(self) -> bool:
@@ -57,11 +58,15 @@ def roles(container: Container) -> dict[int, Role]:
     """
     found: dict[int, Role] = {}
     foreign: dict[int, Codec] = {}
-    codecs = Codecs()
+    unused: dict[int, Channel] = {}
+    codecs = Codecs(container)
     for id_, channel in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
         topic = channel.topic
         try:
             codec = codecs.of(channel)
+        except UnsupportedError as error:
+            container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
+            continue
         except DecodeError as error:  # a damaged or hostile definition makes its topic unreadable, not the log
             container.once("LOG008", (topic,), f"topic '{topic}' can't be decoded: {error}")
             codec = None
@@ -71,8 +76,10 @@ def roles(container: Container) -> dict[int, Role]:
         elif codec is not None:
             foreign[id_] = codec
         else:
-            what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
-            container.once("LOG012", (topic,), f"topic '{topic}' has {what}")
+            unused[id_] = channel
+    for channel in (channel for id_, channel in unused.items() if id_ not in codecs.metadata):
+        what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
+        container.once("LOG012", (channel.topic,), f"topic '{channel.topic}' has {what}")
     schemas: dict[str, str] = {}
     transforms = {id_ for id_, codec in foreign.items() if codec.kinds == ("transform",)}
     for id_ in sorted({*found, *foreign} - transforms):
@@ -86,11 +93,16 @@ def roles(container: Container) -> dict[int, Role]:
 class Codecs:
     """Codecs of channels; those of ROS once a type, as definitions take milliseconds and thousands may share one."""
 
-    def __init__(self) -> None:
+    def __init__(self, container: Container) -> None:
+        self._container = container
+        self.metadata: set[int] = set()
+        """Channels that say how others are decoded, or hold nothing of interest."""
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:
-        """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged."""
+        """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged,
+        UnsupportedError where the log lacks what is needed to decode it.
+        """
         if channel.encoding == "protobuf":
             from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
 
@@ -98,7 +110,13 @@ class Codecs:
         if channel.encoding not in _ROS:
             return None
         from fbench.replay.logs.codecs.ros.codec import ros_codec
+        from fbench.replay.logs.codecs.ros.definitions import full_name
+        from fbench.replay.logs.codecs.ros.ouster import PACKETS, ouster_codec
 
+        if full_name(channel.schema_name) in PACKETS:
+            codec, metadata = ouster_codec(self._container, channel)
+            self.metadata |= metadata
+            return codec
         key = channel.encoding, channel.schema
         if key not in self._ros:
             self._ros[key] = ros_codec(channel)
@@ -121,20 +139,54 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
     probed = {id_: _probe(container, id_, codec) for id_, codec in codecs.items()}
     probes = {id_: probe for id_, probe in probed.items() if probe is not None}
     topics = {id_: container.channels[id_].topic for id_ in probes}
-    frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS}
+    repeats = _find_repeats(container, probes)
+    frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS and id_ not in repeats}
     shared = Counter(frame for _, frame in frames)
     found: dict[int, Role] = {}
-    for id_, (kind, frame, world) in probes.items():
+    for id_, (kind, frame, world, doubt) in probes.items():
         topic, codec = topics[id_], codecs[id_]
+        if doubt:
+            container.once("TIM013", (topic,), f"topic '{topic}': {doubt}")
         if kind in SENSORS:
-            is_name = frame and frame not in BODIES and shared[frame] == 1
-            found[id_] = Role(kind, topic, frame if is_name else topic.strip("/"), frame, codec)
+            is_name = frame and frame not in BODIES and shared[frame] == 1 and id_ not in repeats
+            name = frame if is_name else topic.strip("/")
+            found[id_] = Role(kind, topic, name, frame, codec, same_as=repeats.get(id_, ""))
             continue
         # Boxes on a topic that isn't called like ground truth are what some system detected.
         words = topic.lower().replace("_", "/").split("/")
         is_named = any(word.startswith(_TRUTH_WORDS) for word in words) or "groundtruth" in words
         is_detected, of = kind == "truth" and not is_named, frame if kind == "odometry" else ""
         found[id_] = Role("detections" if is_detected else kind, topic, topic.strip("/"), of, codec, world=world)
+    return found
+
+
+_RAW = ("VelodyneScan", "PacketMsg", "CustomMsg", "ClusterList", "EsrEthTx")
+_THIN = ("LaserScan", "Object", "Track")
+
+
+def _detail(schema: str) -> int:
+    """Rank the forms in which drivers publish what a LiDAR or radar measured: 0 for points, 1 for raw forms of them, 2
+    for a plane of them, or the objects that the sensor sees in them.
+    """
+    name = schema.rpartition("/")[2]
+    return 2 if any(word in name for word in _THIN) else 1 if any(word in name for word in _RAW) else 0
+
+
+def _find_repeats(container: Container, probes: Mapping[int, Probe]) -> dict[int, str]:
+    """Find channels with another form of what a better channel has: topics of these, by id of the others. Both are in
+    one coordinate frame; packets of an Ouster, which name none, are in the namespace of the cloud.
+    """
+    ranks = {id_: _detail(container.channels[id_].schema_name) for id_, p in probes.items() if p.kind in SENSORS[1:]}
+    found: dict[int, str] = {}
+    for id_ in (id_ for id_, rank in ranks.items() if rank):
+        channel, probe = container.channels[id_], probes[id_]
+        is_nameless = channel.schema_name.endswith("PacketMsg")
+        for other in (other for other, rank in ranks.items() if rank < ranks[id_] and probes[other].kind == probe.kind):
+            topic = container.channels[other].topic
+            is_near = is_nameless and topic.rpartition("/")[0] == channel.topic.rpartition("/")[0]
+            frame = probes[other].frame_id
+            if is_near or (frame == probe.frame_id and frame and frame not in BODIES):
+                found.setdefault(id_, topic)
     return found
 
 

@@ -15,7 +15,7 @@ _GENERIC = frozenset(
      "hardware", "rig", "ego")
 )  # fmt: skip
 _TAIL = re.compile(
-    r"(?:^|_)(image|img|points?|point_?cloud2?|cloud|scans?|detections?|targets?|returns|data|raw|ex|rect|rectified"
+    r"(?:^|_)(image|img|packets?|points?|point_?cloud2?|cloud|scans?|detections?|targets?|returns|data|raw|ex|rect|rectified"
     r"|colou?r|mono|gray|bayer|compressed|jpe?g|xyzi?r?t?|converted)$"
 )
 _KIND_WORDS: Mapping[str, tuple[str, ...]] = {
@@ -67,6 +67,8 @@ _DERIVED: Mapping[str, tuple[str, ...]] = {
               "static", "dynamic", "removed"),
 }  # fmt: skip
 """Words in topics that something computed from measurements, or that isn't a picture."""
+_CLOUDS = ("PointCloud2", "foxglove.PointCloud", "RadarScan")
+"""Types of messages that also hold points which something computed."""
 _COMPENSATED = ("comp", "compensated", "corrected", "ego")
 _SPEEDS = ("v", "vr", "vx", "doppler", "velocity", "speed", "radial")
 """Words of fields with velocities that are free of the vehicle's own motion, which fbench doesn't read."""
@@ -155,7 +157,7 @@ def _drop_derived(
             by_kind[kinds[t.topic][0]].append(t)
     good = []
     for kind, of_kind in by_kind.items():
-        derived = {t.topic: word for t in of_kind if (word := _derivation_word(kind, t.topic))}
+        derived = {t.topic: word for t in of_kind if (word := _derivation_word(kind, t))}
         if len(derived) == len(of_kind) and kind != "camera":
             derived = {}
         why = "its name contains '{}', so it doesn't hold raw measurements"
@@ -164,8 +166,11 @@ def _drop_derived(
     return good
 
 
-def _derivation_word(kind: str, topic: str) -> str:
-    return next((word for word in _words(topic) if word in _DERIVED[kind]), "")
+def _derivation_word(kind: str, topic: SampledTopic) -> str:
+    """A word that says that something computed the points of a cloud; lists of clusters are what a radar gives."""
+    if kind == "radar" and topic.schema.rpartition("/")[2] not in _CLOUDS:
+        return ""
+    return next((word for word in _words(topic.topic) if word in _DERIVED[kind]), "")
 
 
 def _words(name: str) -> list[str]:
@@ -185,13 +190,21 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
             # As they came from the camera they fit K; raw ones have no artifacts, but recorders drop what is large.
             return "rect" in topic, is_thin, "mono" in topic or "gray" in topic, "compressed" in topic, t.topic
         no_doppler = not _doppler_field(t.fields)
-        return _derivation_word(kind, topic) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic
+        return (
+            t.role.same_as != "",
+            _derivation_word(kind, t) != "",
+            no_doppler,
+            -(t.median_points or 0),
+            is_thin,
+            t.topic,
+        )
 
     kept: list[SampledTopic] = []
     for t in sorted(topics, key=rank):
         stem, frame = stems[t.topic], t.role.frame_id
         own_frame = frame if frame.strip("/") not in BODIES else ""
         same = [o for o in kept if stems[o.topic] == stem or (own_frame and o.role.frame_id == own_frame)]
+        same = same or [o for o in kept if o.topic == t.role.same_as]
         if same:
             out[t.topic] = _why_not(kind, t, same[0], stems)
         else:
@@ -199,6 +212,8 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
 
 
 def _why_not(kind: str, t: SampledTopic, better: SampledTopic, stems: Mapping[str, str]) -> str:
+    if better.topic == t.role.same_as:
+        return f"another form of what {better.topic} holds"
     if stems[t.topic] != stems[better.topic]:
         return f"in the same coordinate frame as {better.topic}, '{t.role.frame_id}', so one device: only one is used"
     if kind == "camera" and "rect" in t.topic.lower() and "rect" not in better.topic.lower():

@@ -1,6 +1,6 @@
 """Inspection of a log for its configuration: topics, a few messages of each, and the draft of values with reasons."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -12,6 +12,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from fbench.replay.contracts.errors import DataError, DecodeError
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.messages import Image, Message, Pose, RadarScan
+from fbench.replay.logs.assembly import Assembly
 from fbench.replay.logs.bursts import is_repeat
 from fbench.replay.logs.codecs.codec import SENSORS, Origin, TruthPart
 from fbench.replay.logs.codecs.foxglove.proto import parse, split
@@ -180,13 +181,18 @@ def inspect_log(container: Container) -> Inspection:
         if times is not None:
             known = [part for part in (topic.log_ns, times.get(id_)) if part is not None]
             topic.log_ns = np.sort(np.concatenate([np.zeros(0, np.int64), *known]), kind="stable")
+    assemblies: defaultdict[int, Assembly] = defaultdict(Assembly)  # By window
     num_scans: Counter[tuple[str, int]] = Counter()
+    num_taken: Counter[str] = Counter()
     for window, entry in sample_messages(container, frozenset(measured), times):
         topic = topics[found[entry.channel].topic]
+        num_taken[topic.topic] += 1
         if not topic.fields:
             topic.fields = _cloud_fields(container.channels[entry.channel], entry)
         with suppress(DecodeError, DataError):
-            message = _decode(topic.role, entry)
+            message = _decode(topic.role, entry, assemblies[window])
+            if message is None:
+                continue
             sample = SampledMessage(window, message.stamp_ns, entry.log_ns)
             if isinstance(message, Image):
                 topic.size_wh = topic.size_wh or (message.size_wh if all(message.size_wh) else None)
@@ -199,13 +205,17 @@ def inspect_log(container: Container) -> Inspection:
                 sample.scan = message
             topic.samples.append(sample)
     for topic in topics.values():
-        _count_measurements(topic)
+        _count_measurements(topic, num_taken[topic.topic])
     by_name = tuple(topic for _, topic in sorted(topics.items()))
     return Inspection(container, found, times, by_name, _unread_topics(container, found))
 
 
-def _count_measurements(topic: SampledTopic) -> None:
-    """Take the parts of a burst for one message, by what is sampled."""
+def _count_measurements(topic: SampledTopic, num_taken: int) -> None:
+    """Take the parts of a burst, or of a scan in packets, for one message, by what is sampled."""
+    if topic.role.codec is not None and topic.role.codec.assembler() is not None:
+        if topic.samples:
+            _divide(topic, round(num_taken / len(topic.samples)))
+        return
     repeats = [
         a.window == b.window and b.num_points is not None and is_repeat(a.stamp_ns, b.stamp_ns, b.log_ns - a.log_ns)
         for a, b in pairwise(topic.samples)
@@ -216,8 +226,12 @@ def _count_measurements(topic: SampledTopic) -> None:
             *topic.samples[:1],
             *(s for s, again in zip(topic.samples[1:], repeats, strict=True) if not again),
         ]
-        topic.num_messages = round(topic.num_messages / num_parts)
-        topic.log_ns = None if topic.log_ns is None else topic.log_ns[::num_parts]
+        _divide(topic, num_parts)
+
+
+def _divide(topic: SampledTopic, num_parts: int) -> None:
+    topic.num_messages = round(topic.num_messages / num_parts)
+    topic.log_ns = None if topic.log_ns is None else topic.log_ns[::num_parts]
 
 
 def _cloud_fields(channel: Channel, entry: Entry) -> tuple[str, ...]:
@@ -233,7 +247,8 @@ def _cloud_fields(channel: Channel, entry: Entry) -> tuple[str, ...]:
     return ()
 
 
-def _decode(role: Role, entry: Entry) -> Message:
+def _decode(role: Role, entry: Entry, assembly: Assembly) -> Message | None:
+    """Decode a message; `None` where it is a part of a measurement that isn't whole yet."""
     if not isinstance(entry.data, memoryview):
         message = entry.data.read()
         if isinstance(message, TruthPart):
@@ -242,11 +257,12 @@ def _decode(role: Role, entry: Entry) -> Message:
     if role.codec is None:
         raise DecodeError("no codec")
     kind = "pose" if role.kind == "odometry" else role.kind
-    return role.codec.message(kind, entry.data, Origin(role.sensor, entry.log_ns, entry.publish_ns, None, role.size_wh))
+    origin = Origin(role.sensor, entry.log_ns, entry.publish_ns, None, role.size_wh)
+    return assembly.message(entry.channel, role.codec, kind, entry.data, origin)
 
 
 def _unread_topics(container: Container, found: Mapping[int, Role]) -> tuple[LeftOut, ...]:
-    used, codecs = {role.topic for role in found.values()}, Codecs()
+    used, codecs = {role.topic for role in found.values()}, Codecs(container)
     topics = {c.topic: id_ for id_, c in sorted(container.channels.items(), reverse=True) if c.topic not in used}
     result = []
     for topic, id_ in sorted(topics.items()):

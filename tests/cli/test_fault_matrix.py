@@ -301,6 +301,7 @@ ELSEWHERE = {
     "GT007": "tests/replay/logs/test_ros_rig.py::test_classes_that_mean_nothing_are_counted_once",
     "LIM004": "tests/replay/logs/containers/parquet/test_limits.py::test_a_page_that_claims_gigabytes_is_refused",
     "TIM011": "tests/replay/logs/test_foreign.py::test_headers_without_stamps_are_told",
+    "TIM013": "tests/replay/logs/test_foreign.py::test_times_that_arent_understood_are_told_once",
     "PRD001": "tests/replay/engine/test_run.py::test_non_finite_boxes_and_reported_faults_are_counted",
     "PRD002": "tests/replay/engine/test_run.py::test_failing_frame_is_counted_and_the_rest_goes_on",
     "PRD003": "tests/pipelines/variants/test_recorded.py::test_results_that_no_frame_takes_are_counted",

@@ -58,6 +58,16 @@ class Probe(NamedTuple):
     kind: str
     frame_id: str  # Coordinate frame of the sensor, or the one whose pose is given
     world: str = ""  # Coordinate frame in which poses are given
+    doubt: str = ""  # Which times of points aren't understood
+
+
+class Assembler(Protocol):
+    """Joins the messages of one channel, several of which make up a measurement, on one pass over the log."""
+
+    def take(self, data: memoryview, origin: Origin) -> Message | None:
+        """Take a message, in the order of the channel; return the measurement that it shows to be whole, if any, with
+        its log time. Raises DecodeError where it is damaged: what it would have completed goes on without it.
+        """
 
 
 class Codec(Protocol):
@@ -74,6 +84,9 @@ class Codec(Protocol):
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
         """Decode a measurement or pose."""
+
+    def assembler(self) -> Assembler | None:
+        """Make a new assembler for one pass; `None` where each message is a measurement."""
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
         """Decode transforms: child and its pose in the parent."""

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from fbench.replay.contracts.errors import PointsError
+from fbench.replay.contracts.errors import DecodeError, PointsError
 from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.data.messages import PointCloud, RadarScan
+from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
 
 DOPPLER_FIELDS = (
@@ -26,9 +27,8 @@ RCS_FIELDS = ("rcs", "power", "snr", "amplitude")
 RANGE_FIELDS = ("range",)
 AZIMUTH_FIELDS = ("azimuth", "azimuthangle")
 ALTITUDE_FIELDS = ("altitude", "elevation", "elevationangle")
-INTENSITY_FIELDS = ("intensity", "reflectivity", "i")
+INTENSITY_FIELDS = ("intensity", "reflectivity", "i", "reflectance")
 RING_FIELDS = ("ring", "channel", "line")
-TIME_FIELDS = ("t", "time", "timestamp", "time_stamp", "offset_time")
 
 
 def is_radar(names: Iterable[str]) -> bool:
@@ -38,11 +38,12 @@ def is_radar(names: Iterable[str]) -> bool:
 
 
 class PointField(NamedTuple):
-    """One value of every point, of which only the first is used where there are several."""
+    """One value of every point, of which only the first is used where there are several; eight bytes are an integer."""
 
     name: str
     offset: int
     code: int  # Number of its type
+    num: int = 1  # How many values there are
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,11 @@ class Columns:
     shape: tuple[int, int]  # Rows, and points a row
     steps: tuple[int, int]  # Bytes from row to row, and from point to point
     order: str = "<"  # Of the bytes
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the fields, in their order."""
+        return tuple(dict.fromkeys(field.name.lower() for field in self.fields))
 
     @cached_property
     def _by_name(self) -> Mapping[str, PointField]:
@@ -85,7 +91,8 @@ class Columns:
         """Copy (N, width) consecutive values of each point, those of `field` the last ones."""
         if field.code not in self.types:
             raise PointsError(f"field '{field.name}' has an unknown type {field.code}")
-        dtype = np.dtype(self.order + self.types[field.code])
+        name = self.types[field.code]
+        dtype = np.dtype(self.order + ("u8" if name == "u1" and field.num == 8 else name))
         if 0 in self.shape:
             return np.zeros((0, width), dtype.newbyteorder("="))
         if field.offset + dtype.itemsize > self.steps[1]:
@@ -104,10 +111,7 @@ def _cast(column: Array, dtype: DTypeLike) -> Array:
 
 
 def lidar_sweep(columns: Columns, stamp_ns: int, origin: Origin, offsets: Array | None = None) -> PointCloud:
-    """Make a sweep; `offsets` (N,) int32 [ns] precede its own times. Raises PointsError where fields don't fit."""
-    times = columns.get(TIME_FIELDS)
-    if offsets is None and times is not None:
-        offsets = offset_ns(times, stamp_ns)
+    """Make a sweep with the times `offsets` (N,) int32 [ns]. Raises PointsError where fields don't fit."""
     return PointCloud(
         origin.sensor, stamp_ns, origin.log_ns, columns.xyz(), columns.get(INTENSITY_FIELDS, "f4"),
         _ring_numbers(columns.get(RING_FIELDS)), offsets, origin.frame_number,
@@ -138,35 +142,6 @@ def _ring_numbers(column: Array | None) -> Array | None:
     return column.astype(np.uint16)
 
 
-_NS_PER_S = 1_000_000_000
-_LIMITS = np.iinfo(np.int32)
-
-
-def offset_ns(times: Array, stamp_ns: int) -> Array | None:
-    """Return the times (N,) int32 after `stamp_ns` [ns], or `None` where their meaning isn't clear.
-
-    Integers of 32 bits are ns after the stamp (Ouster `t`, Livox `offset_time`). Floats are seconds: all within
-    an int32 of ns around 0 are relative (Velodyne `time`), all that near the stamp are absolute (Hesai, RoboSense
-    `timestamp`). What can be both (stamps of the first seconds since 1970), anything else, and what an int32 doesn't
-    hold stays unknown: milliseconds of a whole sweep, say.
-    """
-    if not len(times):
-        return np.zeros(0, np.int32)
-    if times.dtype.kind == "f":
-        seconds, (whole, rest) = times.astype(np.float64), divmod(stamp_ns, _NS_PER_S)
-        relative = _fitting(seconds * _NS_PER_S)
-        absolute = _fitting((seconds - whole) * _NS_PER_S - rest)  # whole seconds come off first, which loses nothing
-        if relative is None or absolute is None:
-            return absolute if relative is None else relative
-        return None
-    return _fitting(times.astype(np.float64)) if times.dtype.itemsize == 4 else None
-
-
-def _fitting(ns: Float64) -> Array | None:
-    fits = bool(np.all((ns >= _LIMITS.min) & (ns <= _LIMITS.max)))
-    return np.rint(ns).astype(np.int32) if fits else None
-
-
 C = TypeVar("C", bound=PointCloud | RadarScan)
 
 
@@ -178,3 +153,16 @@ def only_finite(cloud: C) -> C:
     arrays = ((f.name, v) for f in fields(cloud) if isinstance(v := getattr(cloud, f.name), np.ndarray))
     points: dict[str, Any] = {name: array[good] for name, array in arrays}
     return replace(cloud, **points)
+
+
+def place(points: C, translation: Float64, rotation_xyzw: Float64) -> C:
+    """Move points by the pose (3,), (4,) that their message gives them; zeros for a rotation are none. Raises
+    DecodeError where it isn't a pose.
+    """
+    if not translation.any() and not rotation_xyzw[:3].any() and rotation_xyzw[3] in (0, 1):
+        return points
+    try:
+        matrix = pose_matrix(translation, rotation_xyzw)
+    except ValueError as error:
+        raise DecodeError(f"pose of the points isn't one ({error})") from error
+    return replace(points, xyz=transform(matrix, points.xyz).astype(np.float32))

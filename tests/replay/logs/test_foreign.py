@@ -6,6 +6,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField as Field
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseProto
@@ -82,6 +83,21 @@ def test_pose_of_the_cloud_is_applied(tmp_path):
     reader, _ = log(tmp_path, ("/points", packed(xyz, [(2, 0, 5)], pose=pose)))
     [cloud] = reader.messages()
     assert cloud.xyz == pytest.approx(np.array([[1, 2, 5]]))
+
+
+def test_planar_scan(tmp_path):
+    pose = PoseProto(position=Vector3(x=1), orientation=Quaternion(z=HALF, w=HALF))
+    scan = LaserScan(
+        timestamp=Timestamp(seconds=3), frame_id="laser", pose=pose, start_angle=-np.pi / 2, end_angle=np.pi / 2,
+        ranges=[2, 0, np.inf, 3], intensities=[5, 6, 7, 8],
+    )  # fmt: skip
+    reader, faults = log(tmp_path, ("/scan", scan))
+    [cloud] = reader.messages()
+    assert isinstance(cloud, PointCloud)
+    assert (cloud.sensor, cloud.stamp_ns) == ("laser", 3_000_000_000)
+    assert cloud.xyz == pytest.approx(np.array([[3, 0, 0], [-2, 0, 0]]), abs=1e-6)
+    assert cloud.intensity.tolist() == [5, 8]
+    assert not faults.counts
 
 
 @pytest.mark.parametrize("name", ["velocity", "doppler"])
@@ -260,6 +276,20 @@ def test_points_have_rings_and_times_under_common_names(tmp_path):
     assert sweep.intensity.tolist() == [9, 8]
     assert (sweep.ring.dtype, sweep.ring.tolist()) == (np.uint16, [31, 30])
     assert (sweep.offset_ns.dtype, sweep.offset_ns.tolist()) == (np.int32, [0, 50_000_000])
+
+
+def test_times_that_arent_understood_are_told_once(tmp_path):
+    """Milliseconds of a sweep, in a field that is in seconds elsewhere."""
+    dtype = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")]
+    stamp = Timestamp(seconds=5)
+    sweep = packed(dtype, [(1, 2, 3, 0), (1, 2, 3, 100)], timestamp=stamp)
+    good = packed(dtype, [(1, 2, 3, 0), (1, 2, 3, 0.125)], "other", timestamp=stamp)
+    reader, faults = log(tmp_path, *[("/points", sweep)] * 3, ("/others", good))
+    *rest, other = reader.messages()
+    assert [message.offset_ns for message in rest] == [None] * 3
+    assert other.offset_ns.tolist() == [0, 125_000_000]
+    assert faults.places["TIM013"] == ["log.mcap: topic '/points': its points have 'time'"]
+    assert faults.counts["TIM013"] == 1
 
 
 def test_poses_of_the_body_in_its_own_frame_say_nothing(tmp_path):

@@ -8,6 +8,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
@@ -39,6 +40,7 @@ _SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[messages.Bulk] | None]] = {
     "foxglove.CompressedVideo": (("camera",), CompressedVideo),
     "foxglove.RawImage": (("camera",), RawImage),
     "foxglove.PointCloud": (("lidar", "radar"), CloudProto),
+    "foxglove.LaserScan": (("lidar",), LaserScan),
     "foxglove.PoseInFrame": (("pose",), None),
     "foxglove.CameraCalibration": (("calibration",), None),
     "foxglove.FrameTransform": (("transform",), None),
@@ -74,14 +76,15 @@ class _FoxgloveCodec:
         message = _SCHEMAS[self.schema][1]
         if message is None:
             return Probe(kind, "")
-        proto = parse(message, split(data, message.DATA_FIELD_NUMBER)[0])
+        proto = parse(message, data if message is LaserScan else split(data, message.DATA_FIELD_NUMBER)[0])
         if isinstance(proto, RawImage):
             layout_name(proto.encoding)
         if isinstance(proto, CompressedVideo):
             require_codec(proto.format)
         if isinstance(proto, CloudProto) and is_radar(field.name for field in proto.fields):
             kind = "radar"
-        return Probe(kind, proto.frame_id)
+        doubt = messages.find_doubt(data) if isinstance(proto, CloudProto) and kind == "lidar" else ""
+        return Probe(kind, proto.frame_id, doubt=doubt)
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
         match self.schema, kind:
@@ -91,12 +94,17 @@ class _FoxgloveCodec:
                 return messages.read_raw_image(data, origin)
             case _, "camera":
                 return messages.read_compressed_image(data, origin)
+            case "foxglove.LaserScan", _:
+                return messages.read_planar(data, origin)
             case _, "lidar":
                 return messages.read_cloud(data, origin)
             case _, "radar":
                 return messages.read_radar(data, origin)
             case _:
                 return messages.read_pose(data, origin)
+
+    def assembler(self) -> None:
+        """Each message is a measurement."""
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
         return [

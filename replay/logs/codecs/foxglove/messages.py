@@ -1,12 +1,13 @@
 """Codec between sensor messages and the Foxglove Protobuf schemas; exact for every field."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from contextlib import suppress
 from typing import Any, TypeAlias
 
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField as Field
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseProto
@@ -20,10 +21,11 @@ from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.images import RAW_CHANNELS, is_picture, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.data.video import CODECS
-from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split, timestamp
-from fbench.replay.logs.codecs.packed_points import C, Columns, PointField, lidar_sweep, radar_scan
+from fbench.replay.logs.codecs.packed_points import Columns, PointField, lidar_sweep, place, radar_scan
+from fbench.replay.logs.codecs.planar import spread_rays
+from fbench.replay.logs.codecs.point_times import read_times
 from fbench.replay.logs.codecs.video.stream import find_codec, peek_size, require_codec
 from fbench.replay.logs.coordinate_frames import BODIES
 
@@ -33,10 +35,10 @@ _TYPES: Mapping[int, str] = {
 }  # fmt: skip
 _CODES: Mapping[Any, Any] = {np.dtype(name).newbyteorder("<"): code for code, name in _TYPES.items()}
 WORLD = "world"
-Bulk: TypeAlias = CompressedImage | CompressedVideo | RawImage | CloudProto
+Bulk: TypeAlias = CompressedImage | CompressedVideo | RawImage | CloudProto | LaserScan
 """Messages with bulk data."""
+_MAX_SCAN = 4 * 2**20  # Of a planar scan: 250,000 rays
 _IDENTITY = PoseProto(position=Vector3(), orientation=Quaternion(w=1.0))
-_UNSET = PoseProto()
 
 
 def image_proto(image: Image) -> RawImage | CompressedImage | CompressedVideo:
@@ -126,17 +128,30 @@ def _pack(points: PointCloud | RadarScan, columns: Mapping[str, Array | None]) -
 
 def read_cloud(data: memoryview, origin: Origin) -> PointCloud:
     """Decode a LiDAR sweep; points are moved by the message's pose where it has one. Times of points under other names
-    than that of fbench are read as drivers write them; see `offset_ns`. Raises DecodeError where the message is damaged
-    or has no coordinates.
+    than that of fbench are read as drivers write them; see `read_times`. Raises DecodeError where the message is
+    damaged or has no coordinates.
     """
     proto, columns = _read_columns(data)
-    return _place(proto, lidar_sweep(columns, _stamp_ns(proto, origin), origin, columns.get(("offset_ns",), "i4")))
+    stamp_ns, offsets = _stamp_ns(proto, origin), columns.get(("offset_ns",), "i4")
+    offsets = read_times(columns, stamp_ns).offset_ns if offsets is None else offsets
+    sweep = lidar_sweep(columns, stamp_ns, origin, offsets)
+    return place(sweep, *arrays(proto.pose.position, proto.pose.orientation))
 
 
 def read_radar(data: memoryview, origin: Origin) -> RadarScan:
     """Decode a radar scan. Raises DecodeError where the message is damaged or has no coordinates."""
     proto, columns = _read_columns(data)
-    return _place(proto, radar_scan(columns, _stamp_ns(proto, origin), origin))
+    scan = radar_scan(columns, _stamp_ns(proto, origin), origin)
+    return place(scan, *arrays(proto.pose.position, proto.pose.orientation))
+
+
+def find_doubt(data: memoryview) -> str:
+    """Say why times of the points of a sweep aren't used, if they have any; empty where there is no doubt."""
+    with suppress(PointsError):  # counted where the message is read
+        proto, columns = _read_columns(data)
+        if columns.get(("offset_ns",)) is None and proto.HasField("timestamp"):
+            return read_times(columns, nanoseconds(proto.timestamp)).doubt
+    return ""
 
 
 def _read_columns(data: memoryview) -> tuple[CloudProto, Columns]:
@@ -151,15 +166,16 @@ def _read_columns(data: memoryview) -> tuple[CloudProto, Columns]:
     return proto, Columns(fields, _TYPES, points, (1, size // stride if stride else 0), (size, stride))
 
 
-def _place(proto: CloudProto, points: C) -> C:
-    """Move points by the pose that the message gives, where it gives one."""
-    if not proto.HasField("pose") or proto.pose in (_IDENTITY, _UNSET):
-        return points
-    try:
-        matrix = pose_matrix(*arrays(proto.pose.position, proto.pose.orientation))
-    except ValueError as error:
-        raise DecodeError(f"pose of the points isn't one ({error})") from error
-    return replace(points, xyz=transform(matrix, points.xyz).astype(np.float32))
+def read_planar(data: memoryview, origin: Origin) -> PointCloud:
+    """Decode a LaserScan. Raises DecodeError where the message is damaged or too large."""
+    if len(data) > _MAX_SCAN:
+        raise DecodeError(f"scan of {len(data)} bytes, more than {_MAX_SCAN}")
+    proto = parse(LaserScan, data)
+    ranges, intensities = np.array(proto.ranges, np.float64), np.array(proto.intensities, np.float64)
+    angles = proto.start_angle, proto.end_angle
+    with np.errstate(all="ignore"):  # angles that aren't finite have no points
+        scan = spread_rays(proto.frame_id, _stamp_ns(proto, origin), angles, ranges, intensities)
+        return place(scan.to_sweep(origin), *arrays(proto.pose.position, proto.pose.orientation))
 
 
 def pose_proto(pose: Pose) -> PoseInFrame:

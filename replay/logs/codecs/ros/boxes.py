@@ -152,16 +152,17 @@ what, are length, width and height. A radius counts twice.
 
 
 def decode_derived_objects(message: Any, encoding: str, origin: Origin) -> TruthPart:
-    """Read an ObjectArray of derived_object_msgs, whose objects may have coordinate frames of their own; its twist is
-    in the axes of the header. Raises DecodeError where a shape isn't a box, sphere or cylinder.
+    """Read an ObjectArray or ObjectWithCovarianceArray of derived_object_msgs, whose objects may have coordinate frames
+    of their own; its twist is in the axes of the header. Raises DecodeError where a shape isn't a box, sphere or
+    cylinder.
     """
     parts = get(message, "objects")
     frames = [header(part, encoding).frame_id for part in parts]
-    poses = [get(part, "pose") for part in parts]
+    poses, twists = ([_without_covariance(get(part, name), name) for part in parts] for name in ("pose", "twist"))
     found = Boxes3D(
         _vectors(poses, "position"),
         np.array([_solid(get(part, "shape")) for part in parts], np.float64).reshape(-1, 3), **_orientation(poses),
-        velocity_mps=_vectors([get(part, "twist") for part in parts], "linear"),
+        velocity_mps=_vectors(twists, "linear"),
         **labels([_name(_DERIVED, get(part, "classification")) for part in parts]),
         score=np.array([get(part, "classification_certainty") for part in parts], np.float64) / 255,
         track_id=track_ids([get(part, "id") for part in parts]),
@@ -169,6 +170,11 @@ def decode_derived_objects(message: Any, encoding: str, origin: Origin) -> Truth
     check_boxes(found)
     head = header(message, encoding)
     return _part(found, head.stamp_ns, origin, frames, head.frame_id)
+
+
+def _without_covariance(part: Any, name: str) -> Any:
+    inner = find(part, name)
+    return part if inner is None else inner
 
 
 def _name(names: Sequence[str], number: int) -> str:

@@ -10,6 +10,7 @@ from fbench.replay.data.messages import Message, RadarScan
 from fbench.replay.logs.codecs import packed_points
 from fbench.replay.logs.codecs.codec import Origin, Probe
 from fbench.replay.logs.codecs.packed_points import PointField
+from fbench.replay.logs.codecs.point_times import read_times
 from fbench.replay.logs.codecs.ros.cursor import Cursor, Header
 from fbench.replay.logs.codecs.ros.decoder import get, header
 
@@ -54,10 +55,7 @@ def read_cloud(data: memoryview, encoding: str) -> Cloud:
     head, height, width, num = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.uint32()
     if num > MAX_FIELDS:
         raise DecodeError(f"cloud has {num} fields, at most {MAX_FIELDS} are read")
-    fields = []
-    for _ in range(num):
-        fields.append(PointField(cursor.string(), cursor.uint32(), cursor.uint8()))
-        cursor.uint32()  # values of this field a point has
+    fields = [PointField(cursor.string(), cursor.uint32(), cursor.uint8(), cursor.uint32()) for _ in range(num)]
     is_bigendian, point_step, row_step = bool(cursor.uint8()), cursor.uint32(), cursor.uint32()
     blob, is_dense = cursor.blob(), bool(cursor.uint8())
     cursor.end()
@@ -66,8 +64,13 @@ def read_cloud(data: memoryview, encoding: str) -> Cloud:
 
 def probe_cloud(cloud: Cloud, encoding: str) -> Probe:
     """Tell radar scans, whose points have Doppler, from LiDAR sweeps."""
-    kind = "radar" if packed_points.is_radar(field.name for field in cloud.fields) else "lidar"
-    return Probe(kind, cloud.header.frame_id)
+    if packed_points.is_radar(field.name for field in cloud.fields):
+        return Probe("radar", cloud.header.frame_id)
+    try:
+        doubt = read_times(cloud.columns(), cloud.header.stamp_ns).doubt
+    except PointsError:  # counted where the message is read
+        doubt = ""
+    return Probe("lidar", cloud.header.frame_id, doubt=doubt)
 
 
 def cloud_message(kind: str, cloud: Cloud, encoding: str, origin: Origin) -> Message:
@@ -76,7 +79,7 @@ def cloud_message(kind: str, cloud: Cloud, encoding: str, origin: Origin) -> Mes
     if kind == "radar":
         scan = packed_points.radar_scan(columns, stamp_ns, origin)
         return scan if cloud.is_dense else packed_points.only_finite(scan)
-    sweep = packed_points.lidar_sweep(columns, stamp_ns, origin)
+    sweep = packed_points.lidar_sweep(columns, stamp_ns, origin, read_times(columns, stamp_ns).offset_ns)
     return sweep if cloud.is_dense else packed_points.only_finite(sweep)
 
 

@@ -1,17 +1,17 @@
 """The codec of channels with ROS messages: CDR (ROS 2) or ROS 1."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
 from fbench.replay.contracts.errors import DataError, DecodeError
-from fbench.replay.data.messages import Message
+from fbench.replay.data.messages import Message, RadarScan
 from fbench.replay.data.rig import CameraModel
-from fbench.replay.logs.codecs.codec import SENSORS, Codec, Origin, Probe, TruthPart
-from fbench.replay.logs.codecs.ros import boxes, camera, clouds, poses, video
+from fbench.replay.logs.codecs.codec import SENSORS, Assembler, Codec, Origin, Probe, TruthPart
+from fbench.replay.logs.codecs.ros import boxes, camera, clouds, delphi, lidars, poses, radar_lists, video
 from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1
 from fbench.replay.logs.codecs.ros.decoder import Decode, decoder, header
 from fbench.replay.logs.codecs.ros.definitions import full_name, has_text, types_of
@@ -33,14 +33,35 @@ class _Type:
     probe: Callable[[Any, str], Probe] | None = None  # `None`: the header of sensors tells the coordinate frame
     layout: Callable[[memoryview, str], Any] | None = None
     """Decodes a payload of an encoding by the standard's definition, and no other, without rosbags."""
+    number: Callable[[Any], int] | None = None
+    """Which part of a measurement a message is, where several make one up."""
     needs_definition: bool = False  # Of the log: there are several generations of the type
 
 
 _TF = _Type(("transform",), transforms=poses.transforms)
+
+
+def _radar(layout: radar_lists.RadarList) -> _Type:
+    return _Type(("radar",), radar_lists.make_reader(layout), probe=radar_lists.probe, needs_definition=True)
+
+
+_LIVOX = _Type(("lidar",), lidars.livox_sweep, probe=lidars.probe, layout=lidars.read_livox)
 _POSE = _Type(("odometry",), poses.pose, probe=poses.probe_pose)
 _TYPES: Mapping[str, _Type] = {
     "sensor_msgs/msg/PointCloud2": _Type(
         ("lidar", "radar"), clouds.cloud_message, probe=clouds.probe_cloud, layout=clouds.read_cloud
+    ),
+    "sensor_msgs/msg/LaserScan": _Type(("lidar",), lidars.planar_scan, probe=lidars.probe, layout=lidars.read_rays),
+    "sensor_msgs/msg/MultiEchoLaserScan": _Type(
+        ("lidar",), lidars.planar_scan, probe=lidars.probe, layout=lidars.read_echoes
+    ),
+    "livox_ros_driver/msg/CustomMsg": _LIVOX,
+    "livox_ros_driver2/msg/CustomMsg": _LIVOX,
+    "velodyne_msgs/msg/VelodyneScan": _Type(
+        ("lidar",), lidars.velodyne_sweep, probe=lidars.probe_velodyne, layout=lidars.read_velodyne
+    ),
+    "foxglove_msgs/msg/LaserScan": _Type(
+        ("lidar",), lidars.foxglove_scan, probe=lidars.probe_foxglove, needs_definition=True
     ),
     "sensor_msgs/msg/Image": _Type(
         ("camera",), camera.raw_image, probe=camera.probe_image, layout=camera.read_raw_image
@@ -63,6 +84,14 @@ _TYPES: Mapping[str, _Type] = {
     "theora_image_transport/msg/Packet": _Type(("camera",), probe=video.refuse_theora),
     "sensor_msgs/msg/CameraInfo": _Type(("calibration",), calibration=camera.camera_model),
     "radar_msgs/msg/RadarScan": _Type(("radar",), clouds.radar_scan),
+    "delphi_esr_msgs/msg/EsrEthTx": _Type(("radar",), delphi.ethernet_scan, needs_definition=True),
+    "delphi_esr_msgs/msg/EsrTrack": _Type(
+        ("radar",), delphi.esr_return, number=delphi.return_number, needs_definition=True
+    ),
+    "delphi_mrr_msgs/msg/MrrDetection": _Type(
+        ("radar",), delphi.mrr_return, number=delphi.return_number, needs_definition=True
+    ),
+    **{name: _radar(layout) for name, layout in radar_lists.KNOWN.items()},
     "tf2_msgs/msg/TFMessage": _TF,
     "tf/msg/tfMessage": _TF,
     "nav_msgs/msg/Odometry": _POSE,
@@ -76,7 +105,12 @@ _TYPES: Mapping[str, _Type] = {
         for package in ("autoware_perception_msgs", "autoware_auto_perception_msgs")
         for name in ("Detected", "Tracked", "Predicted")
     },
-    "derived_object_msgs/msg/ObjectArray": _Type(("truth",), truth=boxes.decode_derived_objects, needs_definition=True),
+    **{
+        f"derived_object_msgs/msg/{name}Array": _Type(
+            ("truth",), truth=boxes.decode_derived_objects, needs_definition=True
+        )
+        for name in ("Object", "ObjectWithCovariance")
+    },
     "foxglove_msgs/msg/SceneUpdate": _Type(("truth",), truth=boxes.scene_update, needs_definition=True),
     "visualization_msgs/msg/MarkerArray": _Type(("detections",), truth=boxes.marker_boxes),
 }
@@ -89,14 +123,27 @@ def ros_codec(channel: Channel) -> Codec | None:
     """
     name, encoding = full_name(channel.schema_name), channel.encoding
     known = _TYPES.get(name)
+    if known is None and encoding in (CDR, ROS1):
+        known = _recognize(name, channel)
     if encoding not in (CDR, ROS1) or known is None or (known.needs_definition and not has_text(channel.schema)):
         return None
-    types = types_of(name, channel.schema, encoding)
     if (layout := known.layout) is None:
-        return _RosCodec(name, known, encoding, decoder(name, types, encoding))
-    if types == types_of(name, None, encoding):
+        return _RosCodec(name, known, encoding, decoder(name, types_of(name, channel.schema, encoding), encoding))
+    types, standard = (types_of(name, schema, encoding, by_rosbags=False) for schema in (channel.schema, None))
+    if types == standard:
         return _RosCodec(name, known, encoding, lambda data: layout(data, encoding))
     raise DecodeError(f"definition of {name} isn't the standard one")
+
+
+def _recognize(name: str, channel: Channel) -> _Type | None:
+    """Find out whether a type that isn't known by its name is a list of radar returns."""
+    schema = channel.schema
+    if schema is None or not has_text(schema) or not radar_lists.may_be_list(schema.data):
+        return None
+    with suppress(DecodeError):  # a damaged definition of a type that fbench may have no use for
+        layout = radar_lists.recognize(name, types_of(name, schema, channel.encoding))
+        return None if layout is None else _radar(layout)
+    return None
 
 
 class _RosCodec:
@@ -118,6 +165,17 @@ class _RosCodec:
         """Decode a measurement; its stamp is 0 where the header has none."""
         with self._guard(self._type.message, "measurement") as read:
             return read(kind, self._decode(data), self._encoding, origin)
+
+    def assembler(self) -> Assembler | None:
+        """Make one where a message is a part of a scan."""
+        return None if self._type.number is None else delphi.ReturnAssembler(self._numbered)
+
+    def _numbered(self, data: memoryview, origin: Origin) -> tuple[int, RadarScan]:
+        with self._guard(self._type.number, "return") as number:
+            scan = self.message("radar", data, origin)
+            if not isinstance(scan, RadarScan):
+                raise DecodeError(f"{self._name} holds no return")
+            return number(self._decode(data)), scan
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
         with self._guard(self._type.transforms, "transform") as read:

@@ -1,9 +1,12 @@
 """Reading of ROS messages field by field."""
 
 import struct
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.data.arrays import Array, Float32
 
 CDR, ROS1 = "cdr", "ros1"
 
@@ -25,7 +28,8 @@ class Cursor:
     """
 
     def __init__(self, data: memoryview, encoding: str) -> None:
-        self._data, self._cdr, self._order, self._at = data, encoding == CDR, "<", 0
+        self._data, self._cdr, self._at = data, encoding == CDR, 0
+        self._order: Literal["<", ">"] = "<"
         if self._cdr:
             kind = bytes(data[:2])
             if len(data) < _ENCAPSULATION or kind not in (b"\0\0", b"\0\1"):
@@ -38,7 +42,32 @@ class Cursor:
 
     def uint32(self) -> int:
         """Read a uint32."""
-        return self._number("I")
+        return int(self._number("I"))
+
+    def uint64(self) -> int:
+        """Read a uint64."""
+        return int(self._number("Q"))
+
+    def float32(self) -> float:
+        """Read a float32."""
+        return float(self._number("f"))
+
+    def floats(self) -> Float32:
+        """Read a sequence of float32 (N,): a view."""
+        num = self.uint32()
+        return np.frombuffer(self._take(4 * num), f"{self._order}f4").astype(np.float32, copy=False)
+
+    def rows(self, dtype: np.dtype[Any], num: int) -> Array:
+        """Read `num` structures: a view. CDR aligns each to the alignment of its largest number, 4 bytes at most, but
+        fills nothing up after the last one.
+        """
+        rows = np.dtype(dtype).newbyteorder(self._order)
+        if not self._cdr:
+            return np.frombuffer(self._take(num * rows.itemsize), rows)
+        self._align(4)
+        step = -(-rows.itemsize // 4) * 4
+        data = self._take(num * step - (step - rows.itemsize) if num else 0)
+        return np.ndarray((num,), rows, data, strides=(step,))
 
     def string(self) -> str:
         """Read a string; in CDR a zero ends it, except that some writers give an empty one the length 0."""
@@ -70,11 +99,14 @@ class Cursor:
         if rest > (_SLACK if self._cdr else 0):
             raise DecodeError(f"{rest} bytes are left over at its end")
 
-    def _number(self, form: str) -> int:
+    def _number(self, form: str) -> Any:
+        size = struct.calcsize(f"={form}")
+        self._align(size)
+        return struct.unpack(self._order + form, self._take(size))[0]
+
+    def _align(self, size: int) -> None:
         if self._cdr:
-            self._at = -(-self._at // 4) * 4
-        number: int = struct.unpack(self._order + form, self._take(4))[0]
-        return number
+            self._at = -(-self._at // size) * size
 
     def _take(self, size: int) -> memoryview:
         end = self._at + size

@@ -30,6 +30,19 @@ DEFINITIONS: Mapping[str, str] = {
     "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
     "vision_msgs/msg/Pose2D": "Point2D position\nfloat64 theta",
     "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
+    **{
+        f"{package}/msg/CustomMsg":
+            "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+            "CustomPoint[] points"
+        for package in ("livox_ros_driver", "livox_ros_driver2")
+    },
+    **{
+        f"{package}/msg/CustomPoint":
+            "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\nuint8 line"
+        for package in ("livox_ros_driver", "livox_ros_driver2")
+    },
+    "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nVelodynePacket[] packets",
+    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
     "radar_msgs/msg/RadarScan": "std_msgs/Header header\nRadarReturn[] returns",
     "radar_msgs/msg/RadarReturn":
         "float32 range\nfloat32 azimuth\nfloat32 elevation\nfloat32 doppler_velocity\nfloat32 amplitude",
@@ -52,11 +65,14 @@ DEFINITIONS: Mapping[str, str] = {
     "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms",
 }  # fmt: skip
 """Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2, tf2_msgs,
-foxglove_msgs, ffmpeg_image_transport_msgs 1, h264_msgs and theora_image_transport 5."""
+foxglove_msgs, ffmpeg_image_transport_msgs 1, h264_msgs, theora_image_transport 5, and of the drivers of Livox and
+Velodyne.
+"""
 
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
 _TEXTS = ("ros2msg", "ros1msg")
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}/msg/[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
+_PACKAGE = re.compile(r"^((?:MSG: )?[ \t]*)([A-Za-z][A-Za-z0-9_]*)(?=/)", re.ASCII | re.MULTILINE)
 _FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
 _SIZES: Mapping[str, int] = {
     "bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
@@ -71,8 +87,9 @@ Types = dict[str, tuple[list[Any], list[Any]]]  # Constants and fields by full n
 
 
 def full_name(name: str) -> str:
-    """Return `pkg/msg/Name`, also for `pkg/Name`."""
+    """Return `pkg/msg/Name`, also for `pkg/Name`; rosbags knows packages in lower case only, unlike `ars_40X`."""
     parts = name.split("/")
+    parts[0] = parts[0].lower() if len(parts) > 1 else parts[0]
     return "/".join((parts[0], "msg", parts[1])) if len(parts) == 2 else name
 
 
@@ -81,14 +98,17 @@ def has_text(schema: Schema | None) -> bool:
     return schema is not None and schema.encoding in _TEXTS and bool(schema.data.strip())
 
 
-def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
-    """All types of `name`; the log's win. Raises DecodeError where one is damaged, incomplete or not sensible."""
+def types_of(name: str, schema: Schema | None, encoding: str, *, by_rosbags: bool = True) -> Types:
+    """All types of `name`; the log's win. Raises DecodeError where one is damaged, incomplete or, if rosbags is to
+    decode the messages, not sensible.
+    """
     from rosbags.typesys import Stores, get_typestore
 
     standard = get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
     types: Types = {}
-    _collect(name, (_embed(name, schema), _parse(DEFINITIONS), standard), types)
-    _measure(name, types, {})
+    _collect(name, (_embed(name, schema), standard), types)
+    if by_rosbags:
+        _measure(name, types, {})
     return types
 
 
@@ -101,6 +121,7 @@ def _embed(name: str, schema: Schema | None) -> Types:
         text = schema.data.decode()
     except UnicodeDecodeError as error:
         raise DecodeError(f"definition of {name} isn't UTF-8 ({error})") from error
+    text = _PACKAGE.sub(lambda match: match[1] + match[2].lower(), text)
     return _parse({name: text.replace("\r\n", "\n").rstrip() + "\n"})
 
 
@@ -118,13 +139,18 @@ def _parse(texts: Mapping[str, str]) -> Types:
     return types
 
 
-def _collect(name: str, sources: tuple[Types, ...], types: Types) -> None:
-    """Add a type and those of its fields; constants are left out, nothing needs them."""
+def _collect(name: str, sources: tuple[Types, Types], types: Types) -> None:
+    """Add a type and those of its fields: as the log gives it, else as `DEFINITIONS`, else as the standard does.
+    Constants are left out, nothing needs them.
+    """
     if name in types:
         return
     if not _TYPE.fullmatch(name):
         raise DecodeError(f"'{name[:80]}' isn't the name of a message type")
-    fields = next((source[name][1] for source in sources if name in source), None)
+    first, standard = sources
+    if name not in first and name in DEFINITIONS:
+        first = _parse({name: DEFINITIONS[name]})  # one at a time: all take 8 ms
+    fields = first.get(name, standard.get(name, (None, None)))[1]
     if fields is None:
         raise DecodeError(f"definition of {name} is missing")
     if len(types) >= _MAX_TYPES or len(fields) > _MAX_FIELDS:

@@ -49,7 +49,7 @@ class Ros:
         return ros_codec(Channel("/topic", self.encoding, self.schema(name, text=text)))
 
 
-CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8, "i8": 9, "u8": 10}
 
 
 def cloud(ros: Ros, rows: np.ndarray, *, row_padding: int = 0, frame_id="lidar", stamp=STAMP, **changes):

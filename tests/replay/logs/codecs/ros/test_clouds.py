@@ -98,6 +98,7 @@ def test_what_is_no_ring_is_left_out(bad):
 
 
 RELATIVE = np.array([0, 0.05, -0.1])
+ABSOLUTE_NS = [STAMP_NS, STAMP_NS + 1_000, STAMP_NS + 2**31 - 1]
 ABSOLUTE = STAMP[0] + np.array([0.123456789, 0.25, 1.0])
 
 
@@ -112,7 +113,20 @@ ABSOLUTE = STAMP[0] + np.array([0.123456789, 0.25, 1.0])
         ("timestamp", ABSOLUTE, [0, 126_543_211, 876_543_211]),
         ("time_stamp", ABSOLUTE, [0, 126_543_211, 876_543_211]),
         ("timestamp", ABSOLUTE + 3, None),
-        ("timestamp", ABSOLUTE * 1e9, None),
+        ("timestamp", ABSOLUTE * 1e9, [0, 126_543_211, 876_543_211]),
+        ("timestamp", np.int64(ABSOLUTE_NS), [0, 1_000, 2**31 - 1]),
+        ("timestamp", np.int64(ABSOLUTE_NS) + 2**31, None),
+        ("timestamp", np.int64([0, 5, 7]), [0, 5, 7]),
+        ("timestamp", np.int64([0, 5, 2**31]), None),
+        ("timestamp", np.int64([-(2**63), 5, 2**63 - 1]), None),
+        ("t", np.int64(ABSOLUTE_NS) // 1000, [-789, 211, 2**31 - 437]),
+        ("time_us", np.uint32([0, 50_000, 2_147_483]), [0, 50_000_000, 2_147_483_000]),
+        ("time_us", np.uint32([0, 50_000, 2_147_484]), None),
+        ("offset_ms", np.float32([-1.5, 0, 100]), [-1_500_000, 0, 100_000_000]),
+        ("offset_ns", np.int32([-7, 0, 9]), [-7, 0, 9]),
+        ("time_offset_ns", np.uint32([0, 1, 2]), [0, 1, 2]),
+        ("ts", np.float32([0, 0.5, 1]), [0, 500_000_000, 1_000_000_000]),
+        ("s", np.float32([0, 0.5, 1]), None),
         ("time", np.float32([0, 50, 100]), None),
         ("time", np.float32([0, np.nan, 0]), None),
         ("time", np.uint16([0, 1, 2]), None),
@@ -125,6 +139,69 @@ def test_times_of_points(name, times, expected):
     else:
         assert offsets.dtype == np.int32
         np.testing.assert_allclose(offsets, expected, atol=250)  # float64 seconds since 1970 are 238 ns apart
+
+
+def test_times_of_luminar_are_integers_in_eight_bytes():
+    dtype = np.dtype([("timestamp", "<u8"), ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("reflectance", "<f4")])
+    rows = np.zeros(3, dtype)
+    rows["timestamp"], rows["reflectance"] = ABSOLUTE_NS, [1, 2, 3]
+    types = {"timestamp": (2, 8)}
+    fields = [
+        JAZZY.make("sensor_msgs/msg/PointField", name, dtype.fields[name][1], *types.get(name, (7, 1)))
+        for name in dtype.names
+    ]
+    message = cloud(JAZZY, rows[["x", "y", "z"]].copy())
+    for name, value in {"fields": fields, "point_step": 24, "row_step": 72, "width": 3}.items():
+        setattr(message, name, value)
+    message.data = np.frombuffer(rows.tobytes(), np.uint8)
+    sweep = JAZZY.codec(NAME, text=False).message("lidar", JAZZY.write(message), ORIGIN)
+    assert sweep.offset_ns.tolist() == [0, 1_000, 2**31 - 1]
+    assert sweep.intensity.tolist() == [1, 2, 3]
+
+
+SECONDS, REST = np.uint32([STAMP[0], STAMP[0], STAMP[0] + 1]), np.uint32([STAMP[1], STAMP[1] + 7, 0])
+
+
+@pytest.mark.parametrize(
+    ("second", "nanosecond"),
+    [("timestamp_s", "timestamp_ns"), ("timestamp_sec", "timestamp_nsec"), ("time_secs", "time_nsecs"),
+     ("seconds", "nanoseconds"), ("sec", "nanosec"), ("t_s", "t_ns")],
+)  # fmt: skip
+def test_times_in_seconds_and_nanoseconds(second, nanosecond):
+    assert read(structured(x=X, y=Y, z=Z, **{second: SECONDS, nanosecond: REST})).offset_ns.tolist() == [
+        0, 7, 1_000_000_000 - STAMP[1],
+    ]  # fmt: skip
+    relative = {second: np.uint8([0, 1, 2]), nanosecond: np.uint32([5, 6, 7])}
+    assert read(structured(x=X, y=Y, z=Z, **relative)).offset_ns.tolist() == [5, 1_000_000_006, 2_000_000_007]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"timestamp_s": SECONDS, "timestamp_ns": REST + np.uint32(2**31)},
+        {"timestamp_s": SECONDS, "time_ns": np.uint16([0, 1, 2])},
+        {"timestamp_s": SECONDS - np.uint32(3), "timestamp_ns": REST},
+    ],
+)
+def test_seconds_that_dont_fit_nanoseconds(fields):
+    expected = [0, 1, 2] if "time_ns" in fields else None
+    offsets = read(structured(x=X, y=Y, z=Z, **fields)).offset_ns
+    assert (None if offsets is None else offsets.tolist()) == expected
+
+
+@pytest.mark.parametrize(
+    ("fields", "doubt"),
+    [
+        ({"time": np.float32([0, 50, 100])}, "its points have 'time'"),
+        ({"ts": 9 * X, "utc_time": X}, "its points have 'ts', 'utc_time'"),
+        ({"timestamp": np.float64([0, np.nan, 0])}, "its points have 'timestamp'"),
+        ({"time": X, "t": np.uint32([0, 1, 2])}, ""),
+        ({"range": X, "s": X, "intensity": X, "tag": X}, ""),
+    ],
+)
+def test_times_that_arent_understood_are_reported(fields, doubt):
+    data = JAZZY.write(cloud(JAZZY, structured(x=X, y=Y, z=Z, **fields)))
+    assert JAZZY.codec(NAME).probe(data) == ("lidar", "lidar", "", doubt)
 
 
 def test_times_that_could_be_both_stay_unknown():

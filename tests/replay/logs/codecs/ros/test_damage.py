@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from tests.replay.logs.codecs.ros import test_boxes, test_calibration, test_images, test_radar
+from tests.replay.logs.codecs.ros import test_boxes, test_calibration, test_images, test_lidars, test_radar
 from tests.replay.logs.codecs.ros.builders import DISTROS, ORIGIN, Ros, cloud, structured
 
 from fbench.replay.contracts.errors import DecodeError
@@ -20,6 +20,7 @@ DOPPLER = structured(**XYZ, vr=np.float32([3, 4]))
 def payloads(distro):
     """Name, kind and payload of one message of every type."""
     known = {**test_boxes.NEW, **test_radar.SCANS, test_calibration.TF2: test_calibration.TEXT}
+    known |= {**test_lidars.VELODYNE, **test_lidars.livox("livox_ros_driver")}
     ros = Ros(distro, known)
     flat = ros.make(
         "vision_msgs/msg/Detection2D", ros.header(""), test_boxes.results(ros, [("car", 0.5)], "new"),
@@ -37,6 +38,7 @@ def payloads(distro):
         (test_boxes.ARRAY3, "truth", test_boxes.array3(ros, rows)),
         (test_boxes.ARRAY2, "truth", ros.write(ros.make(test_boxes.ARRAY2, ros.header("cam"), [flat]))),
         (test_radar.SCAN, "radar", ros.write(scan)),
+        *((message.__msgtype__, "lidar", ros.write(message)) for message in test_lidars.small_messages(ros)),
     ]
 
 
@@ -68,7 +70,7 @@ def damaged(data, random):
     return memoryview(bytes(copy))
 
 
-CASES = [(d, i) for d in (DISTROS[1], DISTROS[2]) for i in range(9)]
+CASES = [(d, i) for d in (DISTROS[1], DISTROS[2]) for i in range(13)]
 
 
 @pytest.mark.parametrize(("distro", "index"), CASES, ids=lambda v: str(getattr(v, "value", v)))

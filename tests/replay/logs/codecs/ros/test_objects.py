@@ -193,6 +193,35 @@ def test_derived_objects(distro):
     assert boxes.track_id.tolist() == [5, 6, 7]
 
 
+COVARIANCE = {
+    name.replace("Object", "ObjectWithCovariance"): text.replace("_msgs/Pose ", "_msgs/PoseWithCovariance ")
+    .replace("_msgs/Twist ", "_msgs/TwistWithCovariance ").replace("_msgs/Accel ", "_msgs/AccelWithCovariance ")
+    .replace("Solid shape", "SolidPrimitiveWithCovariance shape").replace("\nObject[]", "\nObjectWithCovariance[]")
+    for name, text in DERIVED.items() if "Solid" not in name
+}  # fmt: skip
+COVARIANCE["derived_object_msgs/msg/SolidPrimitiveWithCovariance"] = (
+    "uint8 type\nfloat64[] dimensions\nfloat64[] covariance"
+)
+
+
+@pytest.mark.parametrize("distro", DISTROS, ids=lambda d: d.value)
+def test_derived_objects_with_covariance(distro):
+    ros, zeros, package = Ros(distro, COVARIANCE), np.zeros(36), "derived_object_msgs/msg"
+    accel = ros.make("geometry_msgs/msg/Accel", vector(ros, 0, 0, 0), vector(ros, 0, 0, 0))
+    parts = [
+        ros.make(f"geometry_msgs/msg/{name}WithCovariance", part, zeros)
+        for name, part in (("Pose", pose(ros, (5, 6, 7), TURNED)), ("Twist", twist(ros, 1, 2, 3)), ("Accel", accel))
+    ]
+    shape = ros.make(f"{package}/SolidPrimitiveWithCovariance", 1, np.array([4.0, 2, 1.5]), np.zeros(9))
+    object_ = ros.make(f"{package}/ObjectWithCovariance", ros.header("radar"), 9, 1, True, *parts,
+                       ros.make("geometry_msgs/msg/Polygon", []), shape, 7, 255, 3)  # fmt: skip
+    data = ros.write(ros.make(f"{package}/ObjectWithCovarianceArray", ros.header("radar"), [object_]))
+    boxes = ros.codec(f"{package}/ObjectWithCovarianceArray").truth(data, ORIGIN).truth.boxes3d
+    assert (boxes.center_m.tolist(), boxes.size_lwh_m.tolist()) == ([[5, 6, 7]], [[4, 2, 1.5]])
+    assert (boxes.velocity_mps.tolist(), boxes.label.tolist(), boxes.score.tolist()) == ([[1, 2, 3]], ["truck"], [1])
+    np.testing.assert_allclose(boxes.yaw_rad, [0.5])
+
+
 def test_derived_objects_of_other_shapes():
     ros = Ros(DISTROS[1], DERIVED)
     with pytest.raises(DecodeError, match="shape 4 of 2 sizes isn't a box, sphere or cylinder"):
@@ -256,7 +285,7 @@ def test_poses(distro, name):
     data = ros.write(ros.make(name, ros.header("odom"), *parts))
     codec = ros.codec(name)
     assert codec.kinds == ("odometry",)
-    assert codec.probe(data) == ("odometry", "base_link" if name == POSE_TYPES[0] else "", "odom")
+    assert codec.probe(data)[:3] == ("odometry", "base_link" if name == POSE_TYPES[0] else "", "odom")
     found = codec.message("pose", data, ORIGIN)
     assert (found.sensor, found.stamp_ns, found.log_ns, found.frame_number) == ("s", STAMP_NS, STAMP_NS + 5, 7)
     assert found.translation_m.tolist() == [1, 2, 3]

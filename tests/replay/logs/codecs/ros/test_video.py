@@ -71,7 +71,7 @@ def test_messages(ros, name, encoding, codec):
     data = payload(ros, name, packets[0], encoding)
     reader = ros.codec(name)
     assert reader.kinds == ("camera",)
-    assert reader.probe(data) == ("camera", "cam", "")
+    assert reader.probe(data) == ("camera", "cam", "", "")
     image = reader.message("camera", data, ORIGIN)
     assert (image.data, image.encoding, image.size_wh) == (packets[0], codec, v.SIZE)
     assert (image.sensor, image.stamp_ns, image.log_ns, image.frame_number) == ("s", STAMP_NS, STAMP_NS + 5, 7)
