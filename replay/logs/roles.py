@@ -12,7 +12,7 @@ from fbench.replay.logs.container import Channel, Container, Schema
 from fbench.replay.logs.coordinate_frames import BODIES
 
 STORED = "fbench"  # Encoding of channels whose messages the container gives decoded
-_ROS = ("cdr", "ros1")
+_ROS, _FOXGLOVE = ("cdr", "ros1"), ("protobuf", "json")
 _MAX_TRIES = 10
 _TRUTH_WORDS = ("truth", "gt", "label", "annotation")
 
@@ -65,8 +65,7 @@ def roles(container: Container) -> dict[int, Role]:
         elif codec is not None:
             foreign[id_] = codec
         else:
-            what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
-            container.once("LOG012", (topic,), f"topic '{topic}' has {what}")
+            container.once("LOG012", (topic,), f"topic '{topic}' has {describe_unread(channel)}")
     schemas: dict[str, str] = {}
     transforms = {id_ for id_, codec in foreign.items() if codec.kinds == ("transform",)}
     for id_ in sorted({*found, *foreign} - transforms):
@@ -77,6 +76,17 @@ def roles(container: Container) -> dict[int, Role]:
     return found | _probe_all(container, foreign)
 
 
+def describe_unread(channel: Channel) -> str:
+    """Say what the messages of a channel are that fbench doesn't read, and what helps where its encoding is why."""
+    text = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
+    if channel.encoding in _ROS:
+        from fbench.replay.logs.codecs.ros.codec import lacks_definition
+
+        return f"{text}, whose definition the log doesn't hold as a .msg text" if lacks_definition(channel) else text
+    is_known = channel.encoding in ("", *_FOXGLOVE, STORED)
+    return text if is_known else f"{text}, an encoding that only a decoder plug-in can read; name one with --decoder"
+
+
 class Codecs:
     """Codecs of channels; those of ROS once a type, as definitions take milliseconds and thousands may share one."""
 
@@ -85,7 +95,7 @@ class Codecs:
 
     def of(self, channel: Channel) -> Codec | None:
         """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged."""
-        if channel.encoding == "protobuf":
+        if channel.encoding in _FOXGLOVE:
             from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
 
             return foxglove_codec(channel)

@@ -14,6 +14,8 @@ from fbench.replay.data.arrays import Int64
 from fbench.replay.data.messages import Image, Message, Pose, RadarScan
 from fbench.replay.logs.bursts import is_repeat
 from fbench.replay.logs.codecs.codec import SENSORS, Origin, TruthPart
+from fbench.replay.logs.codecs.foxglove.codec import JSON
+from fbench.replay.logs.codecs.foxglove.json_messages import to_protobuf
 from fbench.replay.logs.codecs.foxglove.proto import parse, split
 from fbench.replay.logs.codecs.ros.clouds import read_cloud
 from fbench.replay.logs.codecs.ros.definitions import full_name
@@ -226,7 +228,8 @@ def _cloud_fields(channel: Channel, entry: Entry) -> tuple[str, ...]:
         return ()
     with suppress(DecodeError):
         if channel.schema_name == "foxglove.PointCloud":
-            proto = parse(CloudProto, split(entry.data, CloudProto.DATA_FIELD_NUMBER)[0])
+            data = to_protobuf(channel.schema_name, entry.data) if channel.encoding == JSON else entry.data
+            proto = parse(CloudProto, split(data, CloudProto.DATA_FIELD_NUMBER)[0])
             return tuple(field.name for field in proto.fields)
         if channel.encoding in ("cdr", "ros1") and full_name(channel.schema_name) == "sensor_msgs/msg/PointCloud2":
             return tuple(field.name for field in read_cloud(entry.data, channel.encoding).fields)

@@ -1,4 +1,4 @@
-"""The codec of channels with Foxglove Protobuf schemas."""
+"""The codec of channels with Foxglove schemas, in Protobuf or JSON."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.boxes import scene_boxes
 from fbench.replay.logs.codecs.codec import Codec, Origin, Probe, TruthPart, part_of
 from fbench.replay.logs.codecs.foxglove import messages
+from fbench.replay.logs.codecs.foxglove.json_messages import json_codec
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split
 from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration
 from fbench.replay.logs.codecs.foxglove.truth import read_boxes
@@ -28,6 +29,7 @@ from fbench.replay.logs.codecs.packed_points import is_radar
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.coordinate_frames import Edge
 
+JSON = "json"
 _MAX_BYTES = 8 * 2**20
 """As of messages of ROS: an entity that says nothing takes two bytes, and a hundred times that in memory."""
 
@@ -47,8 +49,10 @@ _SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[CompressedImage | RawImage | 
 
 def foxglove_codec(channel: Channel) -> Codec | None:
     """Return the codec of a channel; `None` where its schema isn't one of those that fbench reads."""
-    is_own = KIND in channel.metadata
-    return _FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _SCHEMAS else None
+    if channel.schema_name not in _SCHEMAS:
+        return None
+    codec = _FoxgloveCodec(channel.schema_name, channel.topic, is_own=KIND in channel.metadata)
+    return json_codec(channel.schema_name, codec) if channel.encoding == JSON else codec
 
 
 @dataclass(frozen=True)

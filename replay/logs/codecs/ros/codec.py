@@ -86,6 +86,14 @@ def ros_codec(channel: Channel) -> Codec | None:
     raise DecodeError(f"definition of {name} isn't the standard one")
 
 
+def lacks_definition(channel: Channel) -> bool:
+    """Tell whether a channel's type is one that fbench can't read without the definition, which the log doesn't hold
+    in a form that is read.
+    """
+    known = _TYPES.get(full_name(channel.schema_name))
+    return known is not None and known.needs_definition and not has_text(channel.schema)
+
+
 class _RosCodec:
     """Implements `Codec` for one type of message, `pkg/msg/Name`."""
 
