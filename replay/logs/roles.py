@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError, UnsupportedError, did_you_mean
-from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, Probe
+from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, NothingError, Origin, Probe
 from fbench.replay.logs.codecs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
+from fbench.replay.logs.codecs.plugin import NamedDecoder, PluginCodec
 from fbench.replay.logs.container import Channel, Container, Schema
 from fbench.replay.logs.coordinate_frames import BODIES
 
 STORED = "fbench"  # Encoding of channels whose messages the container gives decoded
 _ROS, _FOXGLOVE = ("cdr", "ros1"), ("protobuf", "json")
-_MAX_TRIES = 10
+_MAX_TRIES, _MAX_SEARCHED = 10, 1000  # First messages that may be damaged, or hold nothing
 _TRUTH_WORDS = ("truth", "gt", "label", "annotation")
 
 
@@ -44,14 +45,15 @@ def sensor_roles(roles: Mapping[int, Role]) -> list[Role]:
     return [role for _, role in sorted(roles.items()) if role.kind in SENSORS]
 
 
-def roles(container: Container) -> dict[int, Role]:
-    """Roles of the channels that fbench understands, by id; the other topics are counted. Raises LogError where one
-    topic holds messages of two schemas that both are understood, unless both are transforms: bags of ROS 1 often have
-    `tf/tfMessage` and `tf2_msgs/TFMessage` on `/tf`.
+def roles(container: Container, decoders: Sequence[NamedDecoder] = ()) -> dict[int, Role]:
+    """Roles of the channels that fbench or a decoder understands, by id; the other topics are counted. Raises LogError
+    where one topic holds messages of two schemas that both are understood, unless both are transforms: bags of ROS 1
+    often have `tf/tfMessage` and `tf2_msgs/TFMessage` on `/tf`. Raises ConfigError where a decoder fits nothing.
     """
     found: dict[int, Role] = {}
     foreign: dict[int, Codec] = {}
-    codecs = Codecs()
+    codecs = Codecs(decoders)
+    _require_use(container, decoders)
     for id_, channel in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
         topic = channel.topic
         try:
@@ -87,14 +89,31 @@ def describe_unread(channel: Channel) -> str:
     return text if is_known else f"{text}, an encoding that only a decoder plug-in can read; name one with --decoder"
 
 
-class Codecs:
-    """Codecs of channels; those of ROS once a type, as definitions take milliseconds and thousands may share one."""
+def _require_use(container: Container, decoders: Sequence[NamedDecoder]) -> None:
+    channels = container.channels.values()
+    for named in decoders:
+        if named.is_required and not any(named.codec(channel) for channel in channels):
+            types, topics = named.decoder.types, named.decoder.topics
+            on = f"{' on ' if types else ''}a topic like {' or '.join(topics)}" if topics else ""
+            known = {channel.schema_name for channel in channels} if types else {channel.topic for channel in channels}
+            hint = did_you_mean((*types, *topics)[0], known)
+            raise ConfigError(f"--decoder {named.name}: the log has no {' or '.join(types)}{on}{hint}", "CFG001")
 
-    def __init__(self) -> None:
+
+class Codecs:
+    """Codecs of channels; those of ROS once a type, as definitions take milliseconds and thousands may share one.
+    Decoders that the user named go first.
+    """
+
+    def __init__(self, decoders: Sequence[NamedDecoder] = ()) -> None:
+        self._decoders = decoders
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:
-        """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged."""
+        """Return a channel's codec, where there is one. Raises DecodeError where its definition is damaged."""
+        for named in self._decoders:
+            if (codec := named.codec(channel)) is not None:
+                return codec
         if channel.encoding in _FOXGLOVE:
             from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
 
@@ -151,7 +170,12 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
         if not isinstance(entry.data, memoryview):
             break
         try:
+            if isinstance(codec, PluginCodec):
+                return codec.probe_at(entry.data, Origin("", entry.log_ns, entry.publish_ns))
             return codec.probe(entry.data)
+        except NothingError:
+            if tried == _MAX_SEARCHED:
+                break
         except UnsupportedError as error:
             container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
             return None

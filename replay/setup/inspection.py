@@ -1,7 +1,7 @@
 """Inspection of a log for its configuration: topics, a few messages of each, and the draft of values with reasons."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
@@ -17,6 +17,7 @@ from fbench.replay.logs.codecs.codec import SENSORS, Origin, TruthPart
 from fbench.replay.logs.codecs.foxglove.codec import JSON
 from fbench.replay.logs.codecs.foxglove.json_messages import to_protobuf
 from fbench.replay.logs.codecs.foxglove.proto import parse, split
+from fbench.replay.logs.codecs.plugin import NamedDecoder
 from fbench.replay.logs.codecs.ros.clouds import read_cloud
 from fbench.replay.logs.codecs.ros.definitions import full_name
 from fbench.replay.logs.container import Channel, Container, Entry
@@ -63,6 +64,7 @@ class Draft:
     log: str  # Name of the log
     tables: tuple[Table, ...]
     left_out: tuple[LeftOut, ...] = ()
+    lines: tuple[Line, ...] = ()  # Above all tables
 
 
 NUM_WINDOWS = 4
@@ -169,11 +171,12 @@ class Inspection:
     times: Mapping[int, Int64] | None
     topics: tuple[SampledTopic, ...]  # By name
     unread: tuple[LeftOut, ...]
+    decoders: Sequence[NamedDecoder] = ()
 
 
-def inspect_log(container: Container) -> Inspection:
+def inspect_log(container: Container, decoders: Sequence[NamedDecoder] = ()) -> Inspection:
     """Sample a log; what can't be decoded is passed over. Raises LogError where it can't be read."""
-    found, times = roles(container), container.log_times()
+    found, times = roles(container, decoders), container.log_times()
     measured = {id_: role for id_, role in sorted(found.items()) if role.kind in _MEASURED}
     topics: dict[str, SampledTopic] = {}
     for id_, role in measured.items():
@@ -203,7 +206,7 @@ def inspect_log(container: Container) -> Inspection:
     for topic in topics.values():
         _count_measurements(topic)
     by_name = tuple(topic for _, topic in sorted(topics.items()))
-    return Inspection(container, found, times, by_name, _unread_topics(container, found))
+    return Inspection(container, found, times, by_name, _unread_topics(container, found), decoders)
 
 
 def _count_measurements(topic: SampledTopic) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
+from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.coordinate_frames import Edge
@@ -58,6 +59,10 @@ class Probe(NamedTuple):
     kind: str
     frame_id: str  # Coordinate frame of the sensor, or the one whose pose is given
     world: str = ""  # Coordinate frame in which poses are given
+
+
+class NothingError(DecodeError):
+    """A message that holds nothing of what its channel is read for: it is passed over, and no fault."""
 
 
 class Codec(Protocol):

@@ -141,6 +141,12 @@ def _element(descriptor: tuple["Nodetype", Any]) -> tuple[str, int | None]:
     return str(what[0] if node == Nodetype.BASE else what), number
 
 
+def has_bulk_only(types: Types) -> bool:
+    """Tell whether sequences in messages of these types are of numbers alone, which are read at once."""
+    parts = [_element(descriptor) for _, fields in types.values() for _, descriptor in fields]
+    return all(number is not None or (inner in _SIZES and inner != "string") for inner, number in parts)
+
+
 class _Size(NamedTuple):
     """What a message of a type is decoded to."""
 
