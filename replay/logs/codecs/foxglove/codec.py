@@ -47,6 +47,11 @@ _SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[CompressedImage | RawImage | 
 """What channels of a schema can be, and the messages of those with bulk data."""
 
 
+def foxglove_types() -> Mapping[str, tuple[str, ...]]:
+    """What channels can be, by the name of their schema."""
+    return {name: kinds for name, (kinds, _) in sorted(_SCHEMAS.items())}
+
+
 def foxglove_codec(channel: Channel) -> Codec | None:
     """Return the codec of a channel; `None` where its schema isn't one of those that fbench reads."""
     if channel.schema_name not in _SCHEMAS:

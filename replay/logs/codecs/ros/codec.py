@@ -86,6 +86,11 @@ def ros_codec(channel: Channel) -> Codec | None:
     raise DecodeError(f"definition of {name} isn't the standard one")
 
 
+def ros_types() -> Mapping[str, tuple[str, ...]]:
+    """What channels can be, by the name of their type."""
+    return {name: known.kinds for name, known in sorted(_TYPES.items())}
+
+
 def lacks_definition(channel: Channel) -> bool:
     """Tell whether a channel's type is one that fbench can't read without the definition, which the log doesn't hold
     in a form that is read.
