@@ -84,7 +84,7 @@ def describe_unread(channel: Channel) -> str:
     if channel.encoding in _ROS:
         from fbench.replay.logs.codecs.ros.codec import lacks_definition
 
-        return f"{text}, whose definition the log doesn't hold as a .msg text" if lacks_definition(channel) else text
+        return f"{text}, whose definition the log doesn't hold" if lacks_definition(channel) else text
     is_known = channel.encoding in ("", *_FOXGLOVE, STORED)
     return text if is_known else f"{text}, an encoding that only a decoder plug-in can read; name one with --decoder"
 

@@ -2,8 +2,8 @@
 
 rosbags turns definitions into Python code, which it executes. A log is untrusted, so names, types and sizes must pass
 a strict grammar first, and messages must not be able to grow far beyond their payload when they are decoded. Texts in
-IDL aren't parsed: rosbags' parser takes 0.2 s for one pair of brackets, 7 s for two in each other; the types that
-fbench reads have all a .msg text, so that only their names are needed.
+IDL count only for types that aren't standard. They are read by `idl`: rosbags' parser takes 0.2 s for one pair of
+brackets, 7 s for two in each other.
 """
 
 import re
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.logs.codecs.ros.cursor import CDR
+from fbench.replay.logs.codecs.ros.idl import idl_texts
 from fbench.replay.logs.container import Schema
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ DEFINITIONS: Mapping[str, str] = {
 """Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2 and tf2_msgs."""
 
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
-_TEXTS = ("ros2msg", "ros1msg")
+_TEXTS, _IDL = ("ros2msg", "ros1msg"), "ros2idl"
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}/msg/[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
 _FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
 _SIZES: Mapping[str, int] = {
@@ -69,7 +70,7 @@ def full_name(name: str) -> str:
 
 def has_text(schema: Schema | None) -> bool:
     """Tell whether a log carries the definition in a form that is read."""
-    return schema is not None and schema.encoding in _TEXTS and bool(schema.data.strip())
+    return schema is not None and schema.encoding in (*_TEXTS, _IDL) and bool(schema.data.strip())
 
 
 def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
@@ -78,13 +79,16 @@ def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
 
     standard = get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
     types: Types = {}
-    _collect(name, (_embed(name, schema), _parse(DEFINITIONS), standard), types)
+    sources: tuple[Types, ...] = (_embed(name, schema), _parse(DEFINITIONS), standard)
+    if schema is not None and schema.encoding == _IDL and name not in sources[1] and name not in standard:
+        sources = (*sources, _parse(idl_texts(schema.data)))
+    _collect(name, sources, types)
     _measure(name, types, {})
     return types
 
 
 def _embed(name: str, schema: Schema | None) -> Types:
-    if schema is None or not has_text(schema):
+    if schema is None or schema.encoding not in _TEXTS or not has_text(schema):
         return {}
     if len(schema.data) > MAX_BYTES:
         raise DecodeError(f"definition of {name} has {len(schema.data)} bytes, more than {MAX_BYTES}")
