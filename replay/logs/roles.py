@@ -81,10 +81,12 @@ def roles(container: Container, decoders: Sequence[NamedDecoder] = ()) -> dict[i
 def describe_unread(channel: Channel) -> str:
     """Say what the messages of a channel are that fbench doesn't read, and what helps where its encoding is why."""
     text = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
-    if channel.encoding in _ROS:
+    if channel.encoding in _ROS and channel.schema_name:
         from fbench.replay.logs.codecs.ros.codec import lacks_definition
 
         return f"{text}, whose definition the log doesn't hold" if lacks_definition(channel) else text
+    if channel.encoding in (*_ROS, *_FOXGLOVE) and not channel.schema_name:
+        return f"{text}, without a schema that says what it is"
     is_known = channel.encoding in ("", *_FOXGLOVE, STORED)
     return text if is_known else f"{text}, an encoding that only a decoder plug-in can read; name one with --decoder"
 

@@ -19,7 +19,7 @@ from fbench.replay.setup.source import name_decoder
 
 _OF_INTEREST = ("scan", "packet", "radar", "lidar", "image", "video", "depth", "cloud", "detection", "track", "object",
                 "box", "label", "odom", "pose", "navsat")  # fmt: skip
-_MAX_UNREAD = 30
+_MAX_UNREAD, _MAX_OTHERS = 30, 5
 _UPRIGHT = 0.9  # Cosine between two axes that are nearly one
 
 
@@ -32,8 +32,14 @@ def draft_of(log: Path, config: Path, faults: FaultLog, decoder: Sequence[str] =
     found = inspect_log(open_container(log, faults), decoders)
     sensors, left_out = choose_sensors(found.topics)
     if not sensors:
-        others = ", ".join(item.topic for item in left_out[:5]) or f"{len(found.container.channels)} other topics"
-        raise LogError(f"{log}: holds no camera, LiDAR or radar that fbench can read, only {others}", "CHK007")
+        unread = [item.topic for item in left_out]
+        unread += [f"{item.topic} ({item.schema})" if item.schema else item.topic for item in found.unread]
+        others = ", ".join(unread[:_MAX_OTHERS]) or "no topics"
+        others += f" and {len(unread) - _MAX_OTHERS} more" if len(unread) > _MAX_OTHERS else ""
+        advice = "a decoder plug-in reads other types (--decoder)"
+        raise LogError(
+            f"{log}: holds no camera, LiDAR or radar that fbench can read, only {others}; {advice}", "CHK007"
+        )
     intrinsics = read_intrinsics(found.container, found.roles)
     calibrations = {s.name: line for s in sensors if (line := calibration_line(s, intrinsics)) is not None}
     topics = {name: str(line.value) for name, line in calibrations.items()}

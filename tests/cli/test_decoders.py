@@ -67,6 +67,12 @@ def test_without_it_the_topic_is_of_no_use(fbench, acme):
     }
 
 
+def test_init_names_what_it_cannot_read_and_what_helps(fbench, acme):
+    result = fbench("init", "drive/acme.mcap")
+    assert (result.code, result.err.count("\n")) == (3, 1)
+    assert "only /radar (acme.Targets); a decoder plug-in reads other types (--decoder)" in result.err
+
+
 @pytest.mark.parametrize(
     ("command", "code"),
     [

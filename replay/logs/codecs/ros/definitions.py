@@ -49,6 +49,7 @@ DEFINITIONS: Mapping[str, str] = {
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
 _TEXTS, _IDL = ("ros2msg", "ros1msg"), "ros2idl"
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}/msg/[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
+_DDS = re.compile(r"(\w+)::msg::dds_::(\w+)_", re.ASCII)
 _FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
 _SIZES: Mapping[str, int] = {
     "bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
@@ -63,7 +64,9 @@ Types = dict[str, tuple[list[Any], list[Any]]]  # Constants and fields by full n
 
 
 def full_name(name: str) -> str:
-    """Return `pkg/msg/Name`, also for `pkg/Name`."""
+    """Return `pkg/msg/Name`, also for `pkg/Name` and what recorders of DDS write: `pkg::msg::dds_::Name_`."""
+    if dds := _DDS.fullmatch(name):
+        return f"{dds[1]}/msg/{dds[2]}"
     parts = name.split("/")
     return "/".join((parts[0], "msg", parts[1])) if len(parts) == 2 else name
 

@@ -145,3 +145,11 @@ def test_names_in_it_are_as_strictly_checked_as_in_msg():
     text = b"module a { module msg { struct S { S x; }; }; };"
     with pytest.raises(DecodeError, match="contains itself"):
         parser_of(Channel("/a", "cdr", Schema("a/msg/S", "ros2idl", text)))
+
+
+@pytest.mark.parametrize("name", ["sensor_msgs/CompressedImage", "sensor_msgs::msg::dds_::CompressedImage_"])
+def test_names_as_recorders_of_dds_write_them(name):
+    ros = Ros(Stores.ROS2_HUMBLE)
+    image = ros.make("sensor_msgs/msg/CompressedImage", ros.header("cam"), "jpeg", np.zeros(3, np.uint8))
+    codec = ros_codec(Channel("rt/image", "cdr", Schema(name, "omgidl", b"module sensor_msgs {")))
+    assert codec.probe(ros.write(image)).frame_id == "cam"
