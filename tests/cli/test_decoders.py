@@ -31,6 +31,19 @@ def targets(payload):
 def plain(payload):
     return None
 '''
+LABELS = """
+import numpy as np
+from fbench.replay.contracts.decoders import decodes
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Truth
+
+@decodes("foxglove.SceneUpdate", kind="boxes")
+def labels(payload):
+    print("hello")
+    boxes = Boxes3D(np.array([[25.0, 0, 1]]), np.array([[4.0, 2, 1.5]]), np.zeros(1), label=np.array(["car"]),
+                    track_id=np.array([7]))
+    return Truth(payload.publish_ns, 0, boxes)
+"""
 TF = {
     "parent_frame_id": "base_link", "child_frame_id": "front", "translation": {"x": 3, "y": 0, "z": 0.5},
     "rotation": {"x": 0, "y": 0, "z": 0, "w": 1},
@@ -96,6 +109,17 @@ def test_every_command_that_opens_a_log_takes_it(fbench, acme, command, code):
         assert manifest["num_frames"] == 10
         [entry] = manifest["inputs"]
         assert (entry["role"], entry["name"], len(entry["digest"])) == ("decoder", "acme.py:targets", 32)
+
+
+def test_truth_as_a_decoder_reads_it_is_exported(fbench, log, tmp_path):
+    (tmp_path / "labels.py").write_text(LABELS)
+    result = fbench(
+        "log", "export", log, "--format", "kitti-tracking", "-o", "out", "--json", "--decoder", "labels.py:labels"
+    )  # fmt: skip
+    assert result.code == 0, result.err
+    assert result.json()["sequences"][0]["rows"] == 6
+    rows = [line.split() for line in (tmp_path / "out" / "car.txt").read_text().splitlines()]
+    assert {(row[1], float(row[15])) for row in rows} == {("7", 25.0)}  # track, and z of the camera
 
 
 @pytest.mark.slow
