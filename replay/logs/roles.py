@@ -97,8 +97,8 @@ def _require_use(container: Container, decoders: Sequence[NamedDecoder]) -> None
         if named.is_required and not any(named.codec(channel) for channel in channels):
             types, topics = named.decoder.types, named.decoder.topics
             on = f"{' on ' if types else ''}a topic like {' or '.join(topics)}" if topics else ""
-            known = {channel.schema_name for channel in channels} if types else {channel.topic for channel in channels}
-            hint = did_you_mean((*types, *topics)[0], known)
+            known = {channel.schema_name if types else channel.topic for channel in channels}
+            hint = did_you_mean((*types, *topics)[0], known - {""})
             raise ConfigError(f"--decoder {named.name}: the log has no {' or '.join(types)}{on}{hint}", "CFG001")
 
 
