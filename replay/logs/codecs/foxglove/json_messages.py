@@ -6,6 +6,7 @@ objects of `sec` and `nsec`, bytes are base64, enumerations are numbers.
 
 import binascii
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,7 @@ from fbench.replay.logs.coordinate_frames import Edge
 MAX_VALUES = 500_000
 """Of one message: each takes some bytes of text, and a hundred in memory. Bulk data are one text."""
 _DATA = "data"  # The field with bulk data, of all schemas that have such
+_SURROGATE = re.compile(rb"\\u[dD]")
 _TIMES: Mapping[str, type[Timestamp | Duration]] = {
     kind.DESCRIPTOR.full_name: kind for kind in (Timestamp, Duration)
 }  # fmt: skip
@@ -38,7 +40,10 @@ def parse_json(data: memoryview) -> Any:
     if (num := sum(map(content.count, (b",", b"{", b"[")))) > MAX_VALUES:
         raise DecodeError(f"JSON of over {min(num, len(content))} values, more than {MAX_VALUES}")
     try:
-        return json.loads(content.decode("utf-8-sig"))
+        value = json.loads(content.decode("utf-8-sig"))
+        if _SURROGATE.search(content):  # halves of pairs alone are no Unicode, which not all code can stand
+            json.dumps(value, ensure_ascii=False).encode()
+        return value
     except RecursionError as error:
         raise DecodeError("JSON is nested too deeply") from error
     except ValueError as error:

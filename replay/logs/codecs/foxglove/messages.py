@@ -135,7 +135,8 @@ def _place(proto: CloudProto, points: C) -> C:
         matrix = pose_matrix(*arrays(proto.pose.position, proto.pose.orientation))
     except ValueError as error:
         raise DecodeError(f"pose of the points isn't one ({error})") from error
-    return replace(points, xyz=transform(matrix, points.xyz).astype(np.float32))
+    with np.errstate(over="ignore", invalid="ignore"):  # what isn't finite is dealt with where it matters
+        return replace(points, xyz=transform(matrix, points.xyz).astype(np.float32))
 
 
 def pose_proto(pose: Pose) -> PoseInFrame:
