@@ -9,7 +9,6 @@ from pathlib import Path
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import absolute_name, load_decoder, version_of
 from fbench.replay.engine.frame_buffer import SyncParams, make_sync_params
 from fbench.replay.formats.rig_files import open_rig_file
 from fbench.replay.formats.text import digest_of
@@ -42,6 +41,8 @@ class LogRequest:
 
     def absolute(self) -> "LogRequest":
         """Return the same with paths that hold in every folder."""
+        from fbench.replay.contracts.plugins import absolute_name  # plug-ins need tables
+
         config = self.config if self.config in (None, NO_CONFIG) else str(Path(self.config).resolve())
         path, rig = self.path.resolve(), [path.resolve() for path in self.rig]
         boxes = (self.truth, self.detections)
@@ -122,7 +123,7 @@ def log_source(request: LogRequest) -> LogSource:
         patch = open_rig_file(file).over(patch)
         inputs.append(_input_entry("rig", file))
     decoders = [name_decoder(name, is_required=True) for name in request.decoder]
-    if path is not None:
+    if path is not None and config.decoder:
         decoders += _configured_decoders(config, path, request)
     inputs += [_decoder_entry(named) for named in decoders]
     setup = replace(
@@ -138,6 +139,8 @@ def log_source(request: LogRequest) -> LogSource:
 
 def name_decoder(name: str, *, is_required: bool = False) -> NamedDecoder:
     """Load a decoder. Raises ConfigError where it can't be loaded, or isn't one."""
+    from fbench.replay.contracts.plugins import load_decoder  # plug-ins need tables, most logs no decoder
+
     path, _, function = name.rpartition(":")
     with redirect_stdout(sys.stderr):  # what its file prints mustn't get between the lines of --json
         decoder = load_decoder(name)
@@ -148,6 +151,8 @@ def _configured_decoders(config: Config, path: Path, request: LogRequest) -> lis
     """Decoders that a configuration names and the command line doesn't. A file that lies beside a log by chance may be
     anybody's, so that the user must name it, or the configuration.
     """
+    from fbench.replay.contracts.plugins import absolute_name
+
     named = {absolute_name(name) for name in request.decoder}
     found: list[NamedDecoder] = []
     for name in config.decoder:
@@ -164,6 +169,8 @@ def _configured_decoders(config: Config, path: Path, request: LogRequest) -> lis
 
 def _decoder_entry(named: NamedDecoder) -> InputEntry:
     """The file with a decoder's code, and of an installed one its package's version."""
+    from fbench.replay.contracts.plugins import version_of
+
     function = inspect.unwrap(named.decoder.function)
     try:
         digest = digest_of(Path(inspect.getfile(function)))
