@@ -1,5 +1,7 @@
 """`fbench init`."""
 
+import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +22,7 @@ def init(
     out: Annotated[
         Path | None, Option("--out", "-o", help="File to write (default: fbench.toml beside the log).")
     ] = None,
+    decoder: options.Decoders = None,
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing file.")] = False,
     json: options.Json = False,
 ) -> None:
@@ -38,8 +41,8 @@ def init(
     if not place.parent.is_dir():
         raise ConfigError(f"{place}: there is no folder '{place.parent}'")
     faults = FaultLog()
-    with explain_losses(faults):
-        draft = draft_of(log, place, faults)
+    with redirect_stdout(sys.stderr), explain_losses(faults):  # what a decoder prints is no line of --json
+        draft = draft_of(log, place, faults, decoder or ())
     written = write_toml(draft)
     replace_text(place, written.text)
     if json:
@@ -74,7 +77,7 @@ def _print(place: Path, draft: "Draft", written: "Written") -> None:
         if line.is_active and p.table.is_active and not is_plain:
             value = line.value if isinstance(line.value, str) else toml_value(line.value)
             short = value if len(value) <= _MAX_VALUE else value[: _MAX_VALUE - 1] + "…"
-            key = ".".join((*(path[1:] if path[0] == "sensors" else path), line.key))
+            key = ".".join((*(path[1:] if path[:1] == ("sensors",) else path), line.key))
             table.add_row(str(p.number), key, short, f"guess: {line.why}" if line.is_guess else line.why)
     console().print(table)
     say(*(f"{plain('.'.join(t.path))}: {plain(t.notes[0])}" for t in draft.tables if not t.is_active))

@@ -116,6 +116,37 @@ def _require_group(name: str) -> Group:
     raise ConfigError(f"unknown group '{name}'{did_you_mean(name, (*_GROUPS, 'profiles'))}")
 
 
+def show_decoders() -> None:
+    """List the decoders that packages provide, then every type that fbench reads without one."""
+    from fbench.replay.logs.codecs.foxglove.codec import foxglove_types
+    from fbench.replay.logs.codecs.ros.codec import ros_types
+
+    show_group("decoders")
+    table = make_table("built in", "encodings", "kind")
+    for name, kinds in foxglove_types().items():
+        table.add_row(name, "protobuf, json", ", ".join(kinds))
+    for name, kinds in ros_types().items():
+        table.add_row(name, "cdr, ros1", ", ".join(kinds))
+    out = console()
+    out.print()
+    out.print(table)
+
+
+def show_decoder(name: str) -> None:
+    """Print what a decoder, an installed one or `FILE.py:FUNCTION`, is for. Raises ConfigError for an unknown name."""
+    decoder = plugins.load_decoder(name)
+    table = _table("", "")
+    table.show_header = False
+    rows = {
+        "kind": decoder.kind, "types": ", ".join(decoder.types) or "any", "topics": ", ".join(decoder.topics) or "any",
+        "definition": "its own, where a log has none" if decoder.definition else "that of the log",
+    }  # fmt: skip
+    for what, text in rows.items():
+        table.add_row(what, text)
+    say(*filter(None, [name, *(inspect.getdoc(decoder.function) or "").splitlines()]))
+    console().print(table)
+
+
 def show_metrics() -> None:
     """List the plug-ins that score runs, then every metric."""
     from fbench.metrics.definitions.catalog import DEFINITIONS

@@ -24,6 +24,7 @@ def check(
     settings: options.Settings = None,
     config: options.Config = None,
     rig: options.RigFiles = None,
+    decoder: options.Decoders = None,
     truth: options.TruthFile = None,
     truth_format: options.TruthFormat = None,
     truth_frame: options.TruthFrame = "",
@@ -55,7 +56,7 @@ def check(
 
     require_codes(ignore or ())
     boxes = options.box_source(truth, truth_format, truth_frame)
-    source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or ()))
+    source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or (), decoder=decoder or ()))
     patterns = make_sensors(sensors or ())
     sync = source.sync_params(reference, timeout_ms, tolerance_ms, max_gap_s)
     stamp_params = source.stamps(stamps, offset or ())

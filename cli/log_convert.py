@@ -1,5 +1,7 @@
 """`fbench log convert`."""
 
+import sys
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -47,6 +49,7 @@ def convert(
     ] = False,
     config: options.Config = None,
     rig: options.RigFiles = None,
+    decoder: options.Decoders = None,
     json: options.Json = False,
 ) -> None:
     """Write a log in another form, without loss; cut it by time, keep some topics, or split it."""
@@ -60,14 +63,15 @@ def convert(
     from fbench.replay.setup.source import NO_CONFIG, LogRequest, log_source
 
     target = Target(out, overwrite, compression, chunk_size, rows_per_group, make_split(split_s, split_mb))
-    if not decode and (rig or config not in (None, NO_CONFIG)):
+    if not decode and (rig or decoder or config not in (None, NO_CONFIG)):
         raise ConfigError(
-            "--config and --rig change what is decoded: give --decode too, or leave them to `fbench replay`"
+            "--config, --rig and --decoder change what is decoded: give --decode too, or leave them to `fbench replay`"
         )
-    setup = log_source(LogRequest(source, config, rig or [])).setup if decode else Setup()
+    about = LogRequest(source, config, rig or [], decoder=decoder or ())
+    setup = log_source(about).setup if decode else Setup()
     request = ConvertRequest(tuple(topics or ()), make_excerpt(from_, to, None), decode, setup)
     faults = FaultLog()
-    with explain_losses(faults):
+    with redirect_stdout(sys.stderr), explain_losses(faults):  # what a decoder prints is no line of --json
         container = open_container(source, faults)
         total = sum(container.counts.values())
         with message_progress(f"{source.name} → {target.path.name}", total) as progress:

@@ -1,5 +1,7 @@
 """`fbench log export`."""
 
+import sys
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,6 +44,7 @@ def export(
     name: Annotated[
         str, Option(metavar="NAME", help="Name of the files of a single SRC (default: the name of its log).")
     ] = "",
+    decoder: options.Decoders = None,
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an earlier export.")] = False,
     json: options.Json = False,
 ) -> None:
@@ -52,9 +55,10 @@ def export(
     from fbench.replay.formats.export_request import make_export_request
 
     request = make_export_request(form, boxes, camera, frame, class_name)
-    job = Export(sources, request, out, overwrite, name)
+    job = Export(sources, request, out, overwrite, name, decoder or ())
     faults, done = FaultLog(), list["Exported"]()
-    with explain_losses(faults), import_progress(len(sources)) as progress:
+    quiet = redirect_stdout(sys.stderr) if json else nullcontext()  # what a decoder prints is no line of --json
+    with quiet, explain_losses(faults), import_progress(len(sources)) as progress:
         for exported in export_sources(job, faults, progress):
             done.append(exported)
             with progress.finish(exported.num_frames):

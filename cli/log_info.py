@@ -1,7 +1,9 @@
 """`fbench log info`."""
 
+import sys
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,15 +22,20 @@ _MAX_VALUE = 300  # Of metadata on the terminal
 
 
 def info(
-    log: options.Log, config: options.Config = None, rig: options.RigFiles = None, json: options.Json = False
+    log: options.Log,
+    config: options.Config = None,
+    rig: options.RigFiles = None,
+    decoder: options.Decoders = None,
+    json: options.Json = False,
 ) -> None:
     """Show what a log holds: topics, rates, duration, sensors, calibration, truth, segments."""
     from fbench.replay.check.survey import survey
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.setup.source import LogRequest, log_source
 
-    source, faults = log_source(LogRequest(log, config, rig or ())), FaultLog()
-    with explain_losses(faults):
+    faults = FaultLog()
+    with redirect_stdout(sys.stderr), explain_losses(faults):  # what a decoder prints is no line of --json
+        source = log_source(LogRequest(log, config, rig or (), decoder=decoder or ()))
         result = survey(source.open(faults), source.sync_params(None, None, None, None))
     if json:
         print_json(_content(result, faults))

@@ -1,7 +1,8 @@
 """`fbench log preview`."""
 
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +24,7 @@ def preview(
     num: Annotated[int, Option(metavar="N", min=1, max=200, help="Number of evenly spaced frames.")] = 6,
     config: options.Config = None,
     rig: options.RigFiles = None,
+    decoder: options.Decoders = None,
     truth: options.TruthFile = None,
     truth_format: options.TruthFormat = None,
     truth_frame: options.TruthFrame = "",
@@ -42,12 +44,13 @@ def preview(
     from fbench.reports.preview.preview import write_preview
 
     boxes = options.box_source(truth, truth_format, truth_frame)
-    source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or ()))
+    source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or (), decoder=decoder or ()))
     sync = replace(source.sync_params(reference, None, None, None), timeout_ns=TIMEOUT_NS)
     request = PreviewRequest(num, sync, source.stamps(stamps, offset or []), make_excerpt(None, None, frames))
     place = out or Path(f"{log.resolve().stem}-preview")
     faults = FaultLog()
-    with explain_losses(faults), _new_folder(place, overwrite) as folder:
+    # What a decoder prints must not get between the lines of --json.
+    with redirect_stdout(sys.stderr), explain_losses(faults), _new_folder(place, overwrite) as folder:
         reader = source.open(faults)
         with frame_progress(f"{log.name}: reading") as progress:
             material = collect(reader, partial_rig(reader), request, faults, progress)

@@ -76,6 +76,14 @@ Config = Annotated[
 RigFiles = Annotated[
     list[Path] | None, Option(metavar="FILE", help="Calibration: TOML, URDF, Kalibr or camera_info YAML; repeatable.")
 ]
+Decoders = Annotated[
+    list[str] | None,
+    Option(
+        "--decoder",
+        metavar="NAME",
+        help="Decoder of messages that fbench doesn't know: FILE.py:FUNCTION or a plug-in; repeatable.",
+    ),
+]
 TruthFile = Annotated[Path | None, Option(metavar="PATH", help="Ground truth from this file or folder.")]
 TruthFormat = Annotated[str | None, Option(metavar="FORMAT", help="Format of --truth if its content doesn't show it.")]
 TruthFrame = Annotated[
@@ -113,6 +121,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench replay log.mcap -p my_pipeline.py:MyPipeline",
         "fbench replay log.mcap -p 'exec:./my_stack --fast' --truth labels.csv",
         "fbench replay log.mcap -p recorded:/perception/tracks",
+        "fbench replay log.mcap -p radar3d --decoder acme.py:targets",
     ),
     "score": (
         "fbench score runs/log-lidar3d",
@@ -134,6 +143,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "plugins": (
         "fbench plugins",
         "fbench plugins pipelines late3d",
+        "fbench plugins decoders",
         "fbench plugins metrics hota",
         "fbench plugins profiles kitti-3dmot",
     ),

@@ -7,7 +7,7 @@ from typer import Argument
 
 def plugins(
     group: Annotated[
-        str | None, Argument(help="datasets, pipelines, metrics, profiles or reports.", show_default=False)
+        str | None, Argument(help="datasets, decoders, pipelines, metrics, profiles or reports.", show_default=False)
     ] = None,
     name: Annotated[
         str | None,
@@ -27,6 +27,10 @@ def plugins(
             listing.show_profiles()
         case "profiles", str():
             listing.show_profile(name)
+        case "decoders", None:
+            listing.show_decoders()
+        case "decoders", str():
+            listing.show_decoder(name)
         case _, None:
             listing.show_group(group)
         case _:

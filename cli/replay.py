@@ -19,6 +19,7 @@ def replay(
     detect_every: options.DetectEvery = None,
     config: options.Config = None,
     rig: options.RigFiles = None,
+    decoder: options.Decoders = None,
     truth: options.TruthFile = None,
     truth_format: options.TruthFormat = None,
     truth_frame: options.TruthFrame = "",
@@ -72,7 +73,7 @@ def replay(
 
     boxes = options.box_source(truth, truth_format, truth_frame)
     results = options.box_source(detections, None, truth_frame)
-    source = LogRequest(log, config, rig or (), boxes, results, topics or ())
+    source = LogRequest(log, config, rig or (), boxes, results, topics or (), decoder or ())
     request = ReplayRequest(
         source,
         choose_pipeline(pipeline, results),

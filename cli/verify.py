@@ -22,6 +22,7 @@ def verify(
     detect_every: options.DetectEvery = None,
     config: options.Config = None,
     rig: options.RigFiles = None,
+    decoder: options.Decoders = None,
     truth: options.TruthFile = None,
     truth_format: options.TruthFormat = None,
     truth_frame: options.TruthFrame = "",
@@ -50,7 +51,7 @@ def verify(
 
     boxes = options.box_source(truth, truth_format, truth_frame)
     results = options.box_source(detections, None, truth_frame)
-    source = LogRequest(log, config, rig or (), boxes, results, topics or ())
+    source = LogRequest(log, config, rig or (), boxes, results, topics or (), decoder or ())
     request = ReplayRequest(
         source,
         choose_pipeline(pipeline, results),

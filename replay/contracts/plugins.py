@@ -1,7 +1,4 @@
-"""Loading of plug-ins: built-ins and outsiders come in by the same entry points, or from a single file.
-
-`GROUP/NAME` or `FILE.toml`.
-"""
+"""Loading of plug-ins: built-ins and outsiders come in by the same entry points, or from a single file."""
 
 import importlib.util
 import inspect
@@ -17,6 +14,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal
 
+from fbench.replay.contracts.decoders import Decoder
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, RunError, did_you_mean, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.contracts.settings import apply_settings, describe
@@ -91,7 +89,7 @@ def _clean(text: str) -> str:
     return re.sub(r"[^\w.-]+", "_", text).strip("_.-")[:_MAX_CHARS]
 
 
-Group = Literal["datasets", "pipelines", "metrics", "profiles", "reports"]
+Group = Literal["datasets", "decoders", "pipelines", "metrics", "profiles", "reports"]
 
 
 def entry_points_of(group: Group) -> dict[str, EntryPoint]:
@@ -107,11 +105,11 @@ def entry_points_of(group: Group) -> dict[str, EntryPoint]:
 
 
 def load(group: Group, name: str) -> Any:
-    """Return what a name of `fbench.GROUP` stands for, a class or a profile, or the class behind `FILE.py:CLASS`.
+    """Return what a name of `fbench.GROUP` stands for: a class, profile or decoder, or what `FILE.py:NAME` names.
     Raises ConfigError for an unknown name (with the nearest one) or a plug-in that can't be imported.
     """
     if ".py:" in name:
-        return _from_file(name)
+        return _from_file(name, group)
     points = entry_points_of(group)
     if name not in points:
         variants = [variant.name for variant, _ in find_variants()] if group == "pipelines" else []
@@ -124,8 +122,30 @@ def load(group: Group, name: str) -> Any:
         ) from error
 
 
-def _from_file(name: str) -> Any:
-    path, _, class_name = name.rpartition(":")
+def load_decoder(name: str) -> Decoder:
+    """Return the decoder of an entry point, or that of `FILE.py:FUNCTION`. Raises ConfigError as `load` does, and where
+    it isn't a decoder.
+    """
+    found = load("decoders", name)
+    if not isinstance(found, Decoder):
+        raise ConfigError(f"decoder '{name}' is a {type(found).__name__}, no function below @decodes(TYPE, kind=KIND)")
+    return found
+
+
+def version_of(group: Group, name: str) -> str:
+    """Return the package and version behind an entry point as ` (PACKAGE VERSION)`, else nothing."""
+    point = entry_points_of(group).get(name)
+    return "" if point is None or point.dist is None else f" ({point.dist.name} {point.dist.version})"
+
+
+def absolute_name(name: str) -> str:
+    """Return `FILE.py:NAME` as seen from any folder; other names stay."""
+    path, _, member = name.rpartition(".py:")
+    return f"{Path(f'{path}.py').resolve()}:{member}" if path else name
+
+
+def _from_file(name: str, group: Group) -> Any:
+    path, _, member = name.rpartition(":")
     file = Path(path).resolve()
     if not file.is_file():
         raise ConfigError(f"{path}: no such file")
@@ -141,10 +161,16 @@ def _from_file(name: str) -> Any:
         raise
     except BaseException as error:
         raise ConfigError(f"{path}: can't be imported: {one_line(error)}") from error
-    classes = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
-    if class_name not in classes:
-        raise ConfigError(f"{path}: has no class '{class_name}'{did_you_mean(class_name, classes)}")
-    return classes[class_name]
+    found: dict[str, Any]
+    if group == "decoders":
+        found = {n: v for n, v in vars(module).items() if isinstance(v, Decoder)}
+        what, hint = "function", " below @decodes(TYPE, kind=KIND)"
+    else:
+        found = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
+        what, hint = "class", ""
+    if member not in found:
+        raise ConfigError(f"{path}: has no {what} '{member}'{hint}{did_you_mean(member, found)}")
+    return found[member]
 
 
 @contextmanager

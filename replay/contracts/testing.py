@@ -2,12 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
+from fbench.replay.contracts.decoders import Decoder
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import FrameRange, ImportRequest, check_items
 from fbench.replay.contracts.protocols import Importer
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
-from fbench.replay.logs.container import header_of, header_record
+from fbench.replay.logs.codecs.codec import NothingError, Origin
+from fbench.replay.logs.codecs.plugin import PluginCodec
+from fbench.replay.logs.container import Channel, Entry, header_of, header_record
+from fbench.replay.logs.open import open_container
+from fbench.replay.logs.roles import STORED
 from fbench.replay.runs.digest import Digest, digest
 
 
@@ -87,6 +96,67 @@ def _read(importer: Importer, source: Path, request: ImportRequest) -> dict[str,
         seen = _Seen(header, digest(rig), items.hex(), num, num_announced, frozenset(numbers), lines)
         found[recording.name] = seen
     return found
+
+
+def check_decoder(decoder: Decoder, log: Path, max_messages: int = 100) -> int:
+    """See that a decoder keeps what its protocol promises, on the first messages of a log that it is for.
+
+    It decodes all of them, and not each to nothing; results are of its kind, and the sensor of a topic is always the
+    same; in another order, the same messages give the same results.
+
+    Args:
+        decoder: What `@decodes` made.
+        log: Any log that fbench opens.
+        max_messages: Only so many of each topic are decoded.
+
+    Returns:
+        How many messages gave something.
+
+    Raises:
+        AssertionError: saying what it doesn't keep.
+        LogError: where the log can't be read.
+    """
+    container, num = open_container(log, FaultLog()), 0
+    ids = [id_ for id_, channel in sorted(container.channels.items()) if _fits(decoder, channel)]
+    _require(bool(ids), f"{log}: no topic is of a type that the decoder names")
+    for id_ in ids:
+        entries = list(islice(container.entries(frozenset([id_])), max_messages))
+        first = [_decode(PluginCodec("checked", decoder, container.channels[id_]), entry) for entry in entries]
+        codec = PluginCodec("checked", decoder, container.channels[id_])
+        again = [_decode(codec, entry) for entry in reversed(entries)][::-1]
+        for entry, one, other in zip(entries, first, again, strict=True):
+            where = f"{entry.topic} at {entry.log_ns}"
+            _require(one == other, f"{where}: gives another result where other messages come before it")
+        sensors = sorted({found.sensor for found in first if found is not None})
+        _require(len(sensors) <= 1, f"{container.channels[id_].topic}: gives several sensors: {', '.join(sensors)}")
+        num += sum(found is not None for found in first)
+    _require(num > 0, f"{log}: every message gives None")
+    return num
+
+
+class _Result(NamedTuple):
+    sensor: str
+    digest: str
+
+
+def _fits(decoder: Decoder, channel: Channel) -> bool:
+    return channel.encoding != STORED and decoder.fits(channel.topic, channel.schema_name)
+
+
+def _decode(codec: PluginCodec, entry: Entry) -> _Result | None:
+    """What a message gives, `None` for nothing. Raises AssertionError where it can't be decoded."""
+    if not isinstance(entry.data, memoryview):
+        raise AssertionError(f"{entry.topic}: holds no payloads")  # noqa: TRY004
+    kind, origin = codec.kinds[0], Origin("", entry.log_ns, entry.publish_ns)
+    try:
+        if kind == "truth":
+            part = codec.truth(entry.data, origin)
+            return _Result("", f"{part.frame_id} {digest(part.truth)}")
+        return _Result(codec.probe_at(entry.data, origin).frame_id, digest(codec.message(kind, entry.data, origin)))
+    except NothingError:
+        return None
+    except DecodeError as error:
+        raise AssertionError(f"{entry.topic} at {entry.log_ns}: {error}") from error
 
 
 def _require(holds: bool, text: str) -> None:

@@ -104,6 +104,7 @@ class Export:
     out: Path  # A folder; of nuScenes, whose format is one file, that file
     overwrite: bool = False
     name: str = ""  # Of the only source, in place of its own
+    decoder: Sequence[str] = ()  # Of messages in logs that fbench doesn't know
 
     def __post_init__(self) -> None:
         name, table = self.request.class_name, TABLES[self.request.format]
@@ -157,7 +158,7 @@ def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done
         with _submission(draft) if job.request.is_nuscenes else texts as add:
             for source in job.sources:
                 left = LeftOut()
-                sequence = _sequence(source, job.request, left, faults)
+                sequence = _sequence(LogRequest(source, decoder=job.decoder), job.request, left, faults)
                 name = file_name(job.name or sequence.name)
                 if name in names:
                     raise ConfigError(f"{source}: is called '{name}' like {names[name]}; export one of them on its own")
@@ -170,13 +171,14 @@ def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done
                 yield Exported(name, num_frames, num_rows, counts, _describe_view(sequence, job.request))
 
 
-def _sequence(source: Path, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
+def _sequence(given: LogRequest, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
     """Read a run or log that has boxes, with ids where these are needed."""
+    source = given.path
     if not source.exists():
         raise ConfigError(f"{source}: no such run folder or log")
     try:
         is_run = (source / MANIFEST).is_file()
-        log = None if is_run else log_source(LogRequest(source))
+        log = None if is_run else log_source(given)
         sequence = run_sequence(source, request) if log is None else log_sequence(log, request, left, faults)
     except LogError as error:
         if error.code == "LOG001" and not is_run:

@@ -98,7 +98,8 @@ def _require_sensor(where: str, sensor: SensorSetup, roles: Mapping[int, Role], 
         empty = not any(container.counts.get(id_, 1) for id_, topic in ids.items() if topic == sensor.topic)
         if empty and sensor.optional:
             return
-        what = "has no messages" if empty else "holds nothing that can be read as a sensor"
+        unread = "holds nothing that can be read as a sensor; if a decoder plug-in reads it, name that with --decoder"
+        what = "has no messages" if empty else unread
         raise ConfigError(f"{where}: topic '{sensor.topic}' {what}", "CFG001")
     for role in fitting:
         possible = (role.kind,) if role.codec is None else role.codec.kinds

@@ -11,7 +11,7 @@ from fbench.replay.data.messages import Image, Message, Pose, Truth
 from fbench.replay.logs.arrange import apply_setup
 from fbench.replay.logs.assembly import Assembly
 from fbench.replay.logs.calibration import LogCalibration
-from fbench.replay.logs.codecs.codec import Codec, Origin, TruthPart
+from fbench.replay.logs.codecs.codec import Codec, NothingError, Origin, TruthPart
 from fbench.replay.logs.codecs.video.stream import VideoStreams
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.coordinate_frames import BODIES, invalid
@@ -62,6 +62,8 @@ class EventDecoder:
             if isinstance(message, Pose) and not role.is_own:
                 message = self._of_body(message, role.frame_id)
             return apply_setup(self._stamp(entry, message), self._setup)
+        except NothingError:
+            return None
         except (DecodeError, DataError) as error:
             self._count(entry, error)
             return None
@@ -82,6 +84,8 @@ class EventDecoder:
                 cameras = {r.frame_id: r.sensor for _, r in sorted(self._roles.items()) if r.kind == "camera"}
                 part = in_body(part, *self._calibration.tree(), cameras, self._calibration.poses_in)
             return replace(part, truth=self.classify(part.truth, "" if role.is_own else entry.topic))
+        except NothingError:
+            return None
         except (DecodeError, DataError) as error:
             self._count(entry, error)
             return None

@@ -14,6 +14,7 @@ from fbench.replay.data.arrays import Int64
 from fbench.replay.logs.container import Channel, Container, Entry, merge_blocks
 from fbench.replay.logs.containers.limits import StoredLog
 from fbench.replay.logs.containers.mcap.file import McapFile
+from fbench.replay.logs.containers.rosbag.zstd import require_plain
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
 
@@ -104,9 +105,8 @@ def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
         from fbench.replay.logs.containers.rosbag.bag1 import Ros1Bag
 
         return Ros1Bag(path, faults)
-    from fbench.replay.logs.containers.mcap.file import McapFile
-
-    return McapFile(path, faults, is_packed=bool(compression))
+    require_plain(path, start)
+    return McapFile(path, faults, has_packed=bool(compression))
 
 
 def _start(path: Path) -> bytes:

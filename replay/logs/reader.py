@@ -46,7 +46,7 @@ class LogReader:
         faults: FaultLog | None = None,
     ) -> None:  # fmt: skip
         self.container, self.setup, self.faults = container, setup or Setup(), faults or FaultLog()
-        every = arrange(roles(container), container, self.setup)
+        every = arrange(roles(container, self.setup.decoders), container, self.setup)
         # A log that fbench converted holds the messages of another program, with their coordinate frames.
         if self.setup.body not in ("", BODY) and any(role.is_own for role in every.values()):
             raise ConfigError(f"{self.setup.source}: body.frame: in a log that fbench wrote it is '{BODY}'")

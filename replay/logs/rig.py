@@ -43,9 +43,7 @@ class RigState:
         if not self.patch.edges:
             return self.logged
         # Replaced transforms begin where the log itself has the body.
-        names = {name for child, edge in self.logged.edges.items() for name in (child, edge.parent)}
-        logged_body = next((name for name in BODIES if name in names), BODY)
-        return self.patch.tree(self.logged, self.setup.body or logged_body)
+        return self.patch.tree(self.logged, self.setup.body or self._logged_body())
 
     def take(self, entry: Entry) -> bool:
         """Take a transform or calibration, and tell whether it says anything new; damaged ones are counted."""
@@ -91,10 +89,15 @@ class RigState:
         if self.setup.body:
             return self.setup.body
         try:
-            return self.tree.body(self.frames()) or BODY
+            return self.tree.body(self.frames()) or self._logged_body()
         except DecodeError as error:
             advice = "repair /tf_static, or leave sensors out with --topics '!NAME'"
             raise LogError(f"{self.container.path}: {error}; {advice}", "CAL001") from error
+
+    def _logged_body(self) -> str:
+        """The first name of a body that the log's transforms have, whether or not sensors are linked to it."""
+        names = {name for child, edge in self.logged.edges.items() for name in (child, edge.parent)}
+        return next((name for name in BODIES if name in names), BODY)
 
     def frames(self) -> list[str]:
         """Coordinate frames of all sensors."""
@@ -149,8 +152,8 @@ def first_state(
     full = {id_: role for id_, role in sorted(roles.items()) if container.counts.get(id_, 1)}
 
     def is_linked() -> bool:
-        tree = state.tree
-        return all(tree.has_body(frame, said.body) for frame in state.frames())
+        tree, frames = state.tree, state.frames()
+        return bool(frames) and all(tree.has_body(frame, said.body) for frame in frames)
 
     def search(is_static: bool, limit: int | None = None) -> None:
         """Take transforms until all sensors are linked; of several transforms of one child the first one counts."""
@@ -168,7 +171,7 @@ def first_state(
             state.take(entry)
             if id_ in state.calibrated:
                 break
-    if not is_linked():
+    if state.frames() and not is_linked():
         search(is_static=False, limit=_MAX_MOVING)
     require_use(said.rig, state.patch, roles, state.tree)
     return state

@@ -1,7 +1,7 @@
 """Roles of channels: kind, sensor, and where frame numbers are; selection by patterns."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -10,15 +10,16 @@ from itertools import islice
 from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError, UnsupportedError, did_you_mean
 from fbench.replay.data.messages import Image, Message
 from fbench.replay.data.video import CODECS
-from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, Origin, Probe
+from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, NothingError, Origin, Probe
 from fbench.replay.logs.codecs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
+from fbench.replay.logs.codecs.plugin import NamedDecoder, PluginCodec
 from fbench.replay.logs.codecs.video.stream import OrderProbe
 from fbench.replay.logs.container import Channel, Container, Schema
 from fbench.replay.logs.coordinate_frames import BODIES
 
 STORED = "fbench"  # Encoding of channels whose messages the container gives decoded
-_ROS = ("cdr", "ros1")
-_MAX_TRIES = 10
+_ROS, _FOXGLOVE = ("cdr", "ros1"), ("protobuf", "json")
+_MAX_TRIES, _MAX_SEARCHED = 10, 1000  # First messages that may be damaged, or hold nothing
 _MAX_VIDEO = 64  # Messages in which a keyframe is looked for
 _TRUTH_WORDS = ("truth", "gt", "label", "annotation")
 
@@ -51,15 +52,16 @@ def sensor_roles(roles: Mapping[int, Role]) -> list[Role]:
     return [role for _, role in sorted(roles.items()) if role.kind in SENSORS]
 
 
-def roles(container: Container) -> dict[int, Role]:
-    """Roles of the channels that fbench understands, by id; the other topics are counted. Raises LogError where one
-    topic holds messages of two schemas that both are understood, unless both are transforms: bags of ROS 1 often have
-    `tf/tfMessage` and `tf2_msgs/TFMessage` on `/tf`.
+def roles(container: Container, decoders: Sequence[NamedDecoder] = ()) -> dict[int, Role]:
+    """Roles of the channels that fbench or a decoder understands, by id; the other topics are counted. Raises LogError
+    where one topic holds messages of two schemas that both are understood, unless both are transforms: bags of ROS 1
+    often have `tf/tfMessage` and `tf2_msgs/TFMessage` on `/tf`. Raises ConfigError where a decoder fits nothing.
     """
     found: dict[int, Role] = {}
     foreign: dict[int, Codec] = {}
     unused: dict[int, Channel] = {}
-    codecs = Codecs(container)
+    codecs = Codecs(container, decoders)
+    _require_use(container, decoders)
     for id_, channel in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
         topic = channel.topic
         try:
@@ -78,8 +80,7 @@ def roles(container: Container) -> dict[int, Role]:
         else:
             unused[id_] = channel
     for channel in (channel for id_, channel in unused.items() if id_ not in codecs.metadata):
-        what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
-        container.once("LOG012", (channel.topic,), f"topic '{channel.topic}' has {what}")
+        container.once("LOG012", (channel.topic,), f"topic '{channel.topic}' has {describe_unread(channel)}")
     schemas: dict[str, str] = {}
     transforms = {id_ for id_, codec in foreign.items() if codec.kinds == ("transform",)}
     for id_ in sorted({*found, *foreign} - transforms):
@@ -90,20 +91,49 @@ def roles(container: Container) -> dict[int, Role]:
     return found | _probe_all(container, foreign)
 
 
-class Codecs:
-    """Codecs of channels; those of ROS once a type, as definitions take milliseconds and thousands may share one."""
+def describe_unread(channel: Channel) -> str:
+    """Say what the messages of a channel are that fbench doesn't read, and what helps where its encoding is why."""
+    text = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
+    if channel.encoding in _ROS and channel.schema_name:
+        from fbench.replay.logs.codecs.ros.codec import lacks_definition
 
-    def __init__(self, container: Container) -> None:
-        self._container = container
+        return f"{text}, whose definition the log doesn't hold" if lacks_definition(channel) else text
+    if channel.encoding in (*_ROS, *_FOXGLOVE) and not channel.schema_name:
+        return f"{text}, without a schema that says what it is"
+    is_known = channel.encoding in ("", *_FOXGLOVE, STORED)
+    return text if is_known else f"{text}, an encoding that only a decoder plug-in can read; name one with --decoder"
+
+
+def _require_use(container: Container, decoders: Sequence[NamedDecoder]) -> None:
+    channels = container.channels.values()
+    for named in decoders:
+        if named.is_required and not any(named.codec(channel) for channel in channels):
+            types, topics = named.decoder.types, named.decoder.topics
+            on = f"{' on ' if types else ''}a topic like {' or '.join(topics)}" if topics else ""
+            known = {channel.schema_name if types else channel.topic for channel in channels}
+            hint = did_you_mean((*types, *topics)[0], known - {""})
+            raise ConfigError(f"--decoder {named.name}: the log has no {' or '.join(types)}{on}{hint}", "CFG001")
+
+
+class Codecs:
+    """Codecs of channels; those of ROS once a type, as definitions take milliseconds and thousands may share one.
+    Decoders that the user named go first.
+    """
+
+    def __init__(self, container: Container, decoders: Sequence[NamedDecoder] = ()) -> None:
+        self._container, self._decoders = container, decoders
         self.metadata: set[int] = set()
         """Channels that say how others are decoded, or hold nothing of interest."""
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:
-        """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged,
+        """Return a channel's codec, where there is one. Raises DecodeError where its definition is damaged,
         UnsupportedError where the log lacks what is needed to decode it.
         """
-        if channel.encoding == "protobuf":
+        for named in self._decoders:
+            if (codec := named.codec(channel)) is not None:
+                return codec
+        if channel.encoding in _FOXGLOVE:
             from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
 
             return foxglove_codec(channel)
@@ -114,9 +144,9 @@ class Codecs:
         from fbench.replay.logs.codecs.ros.ouster import PACKETS, ouster_codec
 
         if full_name(channel.schema_name) in PACKETS:
-            codec, metadata = ouster_codec(self._container, channel)
+            ouster, metadata = ouster_codec(self._container, channel)
             self.metadata |= metadata
-            return codec
+            return ouster
         key = channel.encoding, channel.schema
         if key not in self._ros:
             self._ros[key] = ros_codec(channel)
@@ -139,7 +169,8 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
     probed = {id_: _probe(container, id_, codec) for id_, codec in codecs.items()}
     probes = {id_: probe for id_, probe in probed.items() if probe is not None}
     topics = {id_: container.channels[id_].topic for id_ in probes}
-    repeats = _find_repeats(container, probes)
+    built_in = {id_: probe for id_, probe in probes.items() if not isinstance(codecs[id_], PluginCodec)}
+    repeats = _find_repeats(container, probes, built_in.keys())
     frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS and id_ not in repeats}
     shared = Counter(frame for _, frame in frames)
     found: dict[int, Role] = {}
@@ -172,11 +203,13 @@ def _detail(schema: str) -> int:
     return 2 if any(word in name for word in _THIN) else 1 if any(word in name for word in _RAW) else 0
 
 
-def _find_repeats(container: Container, probes: Mapping[int, Probe]) -> dict[int, str]:
+def _find_repeats(container: Container, probes: Mapping[int, Probe], built_in: Collection[int]) -> dict[int, str]:
     """Find channels with another form of what a better channel has: topics of these, by id of the others. Both are in
-    one coordinate frame; packets of an Ouster, which name none, are in the namespace of the cloud.
+    one coordinate frame; packets of an Ouster, which name none, are in the namespace of the cloud. What the user's own
+    decoders read, not one that is `built_in`, counts as points.
     """
-    ranks = {id_: _detail(container.channels[id_].schema_name) for id_, p in probes.items() if p.kind in SENSORS[1:]}
+    names = {id_: container.channels[id_].schema_name for id_, p in probes.items() if p.kind in SENSORS[1:]}
+    ranks = {id_: _detail(name) if id_ in built_in else 0 for id_, name in names.items()}
     found: dict[int, str] = {}
     for id_ in (id_ for id_, rank in ranks.items() if rank):
         channel, probe = container.channels[id_], probes[id_]
@@ -199,10 +232,13 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
         if not isinstance(entry.data, memoryview):
             break
         try:
-            probe = codec.probe(entry.data)
+            probe = _probe_message(codec, entry.data, Origin("", entry.log_ns, entry.publish_ns))
             if probe.kind == "camera":
                 _probe_order(container, channel, codec)
             return probe
+        except NothingError:
+            if tried == _MAX_SEARCHED:
+                break
         except UnsupportedError as error:
             container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
             return None
@@ -211,6 +247,10 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
             if tried == _MAX_TRIES:
                 break
     return None
+
+
+def _probe_message(codec: Codec, data: memoryview, origin: Origin) -> Probe:
+    return codec.probe_at(data, origin) if isinstance(codec, PluginCodec) else codec.probe(data)
 
 
 def _probe_order(container: Container, channel: int, codec: Codec) -> None:

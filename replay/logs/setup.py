@@ -8,6 +8,7 @@ from typing import Literal, get_args
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.data.messages import Message
 from fbench.replay.data.rig import Kind
+from fbench.replay.logs.codecs.plugin import NamedDecoder
 from fbench.replay.logs.rig_patch import RigPatch
 
 Doppler = Literal["receding", "approaching"]
@@ -55,6 +56,7 @@ class Setup:
     results: BoxSource | None = None
     classes: Mapping[str, str] = field(default_factory=dict)
     """Label of fbench, or `ignore`, for the name that a source gives to a class."""
+    decoders: tuple[NamedDecoder, ...] = ()  # Of messages that fbench doesn't know; the first one that fits counts
     source: str = ""  # Where this was read, for errors
 
 

@@ -75,6 +75,8 @@ class Config(_Strict):
     """A whole `fbench.toml`."""
 
     version: Literal[1]
+    decoder: tuple[Name, ...] = Field(default=(), strict=False, max_length=100)
+    """Decoders of messages that fbench doesn't know: names, or `FILE.py:FUNCTION` relative to this file."""
     frames: FramesTable = FramesTable()
     body: BodyTable = BodyTable()
     sensors: dict[Name, SensorTable] = {}  # By name: these topics and no others; without any, the log decides

@@ -30,13 +30,13 @@ class Body:
     problems: Mapping[str, str]  # What the others lack, by name of the sensor
 
 
-def guess_body(
-    container: Container, roles: Mapping[int, Role], sensors: Sequence[Candidate], calibrations: Mapping[str, str]
-) -> Body:
+def guess_body(log: Inspection, sensors: Sequence[Candidate], calibrations: Mapping[str, str]) -> Body:
     """Find the body and the rig; `calibrations` are the topics with the intrinsics of cameras, by sensor."""
-    line = None if all(s.is_own for s in sensors) else _guess_frame(container, roles, sensors)
+    container = log.container
+    line = None if all(s.is_own for s in sensors) else _guess_frame(container, log.roles, sensors)
     said = {s.name: SensorSetup(s.sampled.topic, s.kind, calibration=calibrations.get(s.name, "")) for s in sensors}
-    setup = Setup(sensors=said, body="" if line is None else str(line.value), source="fbench init")
+    body = "" if line is None else str(line.value)
+    setup = Setup(sensors=said, body=body, source="fbench init", decoders=tuple(log.decoders))
     known = partial_rig(LogReader(container, (), setup, FaultLog()))
     return Body(line, known.rig, known.problems)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.plugins import absolute_name
 from fbench.replay.logs.open import open_container
 from fbench.replay.setup.guess_frames import Clocks, frames_table, guess_clocks, guess_reference
 from fbench.replay.setup.guess_radar import doppler_lines, period_line
@@ -14,26 +15,35 @@ from fbench.replay.setup.guess_rig import Body, calibration_line, guess_body, gu
 from fbench.replay.setup.guess_sensors import Candidate, choose_sensors
 from fbench.replay.setup.guess_truth import classes_table, find_neighbors, results_table, truth_table
 from fbench.replay.setup.inspection import Draft, LeftOut, Line, SampledTopic, Table, Value, inspect_log
+from fbench.replay.setup.source import name_decoder
 
 _OF_INTEREST = ("scan", "packet", "radar", "lidar", "image", "video", "depth", "cloud", "detection", "track", "object",
                 "box", "label", "odom", "pose", "navsat")  # fmt: skip
-_MAX_UNREAD = 30
+_MAX_UNREAD, _MAX_OTHERS = 30, 5
 _UPRIGHT = 0.9  # Cosine between two axes that are nearly one
 
 
-def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
-    """Look at a log and say what it most probably holds. Files beside `config`, where the configuration will be, are
-    suggested; faults of the log are counted in `faults`. Raises LogError where it can't be read, or holds no sensor.
+def draft_of(log: Path, config: Path, faults: FaultLog, decoder: Sequence[str] = ()) -> Draft:
+    """Look at a log, through these decoders, and say what it most probably holds. Files beside `config`, where the
+    configuration will be, are suggested; faults of the log are counted in `faults`. Raises LogError where it can't be
+    read, or holds no sensor. Raises ConfigError where a decoder can't be used.
     """
-    found = inspect_log(open_container(log, faults))
+    decoders = tuple(name_decoder(name, is_required=True) for name in decoder)
+    found = inspect_log(open_container(log, faults), decoders)
     sensors, left_out = choose_sensors(found.topics)
     if not sensors:
-        others = ", ".join(item.topic for item in left_out[:5]) or f"{len(found.container.channels)} other topics"
-        raise LogError(f"{log}: holds no camera, LiDAR or radar that fbench can read, only {others}", "CHK007")
+        unread = [item.topic for item in left_out]
+        unread += [f"{item.topic} ({item.schema})" if item.schema else item.topic for item in found.unread]
+        others = ", ".join(unread[:_MAX_OTHERS]) or "no topics"
+        others += f" and {len(unread) - _MAX_OTHERS} more" if len(unread) > _MAX_OTHERS else ""
+        advice = "a decoder plug-in reads other types (--decoder)"
+        raise LogError(
+            f"{log}: holds no camera, LiDAR or radar that fbench can read, only {others}; {advice}", "CHK007"
+        )
     intrinsics = read_intrinsics(found.container, found.roles)
     calibrations = {s.name: line for s in sensors if (line := calibration_line(s, intrinsics)) is not None}
     topics = {name: str(line.value) for name, line in calibrations.items()}
-    body = guess_body(found.container, found.roles, sensors, topics)
+    body = guess_body(found, sensors, topics)
     placed = [s for s in sensors if s.name not in body.problems] or sensors
     header = found.container.header
     reference = guess_reference(placed, {} if header is None else header.metadata)
@@ -58,7 +68,25 @@ def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
     shown = missed[:_MAX_UNREAD]
     rest = len(found.unread) - len(shown)
     more = (LeftOut(f"{rest} more topics", "see fbench log info"),) if rest else ()
-    return Draft(log.name, tuple(t for t in tables if t is not None), (*left_out, *shown, *more))
+    kept = tuple(t for t in tables if t is not None)
+    return Draft(log.name, kept, (*left_out, *shown, *more), _decoder_lines(decoder, config))
+
+
+def _decoder_lines(decoders: Sequence[str], config: Path) -> tuple[Line, ...]:
+    """The decoders as a configuration names them: files in its folder, relative to it, and installed ones."""
+    folder, kept, others = config.absolute().parent.resolve(), list[str](), list[str]()
+    for name in decoders:
+        path, _, function = absolute_name(name).rpartition(":")
+        if path and not Path(path).is_relative_to(folder):
+            others.append(name)
+        else:
+            kept.append(f"{Path(path).relative_to(folder).as_posix()}:{function}" if path else name)
+    why = "a file runs only if --decoder or --config names it" if any(".py:" in name for name in kept) else ""
+    lines = (Line("decoder", tuple(kept), why),) if kept else ()
+    outside = Line(
+        "decoder", tuple(others), "outside of this folder: give --decoder with each command", is_active=False
+    )
+    return (*lines, outside) if others else lines
 
 
 def _sensor_tables(
@@ -125,9 +153,10 @@ def write_toml(draft: Draft) -> Written:
     rows = [f"# What fbench takes from '{_clip(draft.log)}', written by 'fbench init'; every value can be changed."]
     rows += ["# Times are in ms unless a key says otherwise. Check the lines with 'guess'.", "", "version = 1"]
     places: list[Placed] = []
-    for table in draft.tables:
-        rows += ["", *(f"# {_clip(note)}" for note in table.notes)]
-        rows.append(f"{'' if table.is_active else '# '}[{toml_key(table.path)}]")
+    for table in (Table((), draft.lines), *draft.tables):
+        if table.path:
+            head = f"{'' if table.is_active else '# '}[{toml_key(table.path)}]"
+            rows += ["", *(f"# {_clip(note)}" for note in table.notes), head]
         for line in table.lines:
             row = f"{toml_key((line.key,))} = {toml_value(line.value)}{_comment(line.why, line.is_guess)}"
             rows.append(row if line.is_active and table.is_active else f"# {row}")

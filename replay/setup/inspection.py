@@ -1,7 +1,7 @@
 """Inspection of a log for its configuration: topics, a few messages of each, and the draft of values with reasons."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
@@ -15,7 +15,10 @@ from fbench.replay.data.messages import Image, Message, Pose, RadarScan
 from fbench.replay.logs.assembly import Assembly
 from fbench.replay.logs.bursts import is_repeat
 from fbench.replay.logs.codecs.codec import SENSORS, Origin, TruthPart
+from fbench.replay.logs.codecs.foxglove.codec import JSON
+from fbench.replay.logs.codecs.foxglove.json_messages import to_protobuf
 from fbench.replay.logs.codecs.foxglove.proto import parse, split
+from fbench.replay.logs.codecs.plugin import NamedDecoder
 from fbench.replay.logs.codecs.ros.clouds import read_cloud
 from fbench.replay.logs.codecs.ros.definitions import full_name
 from fbench.replay.logs.container import Channel, Container, Entry
@@ -62,6 +65,7 @@ class Draft:
     log: str  # Name of the log
     tables: tuple[Table, ...]
     left_out: tuple[LeftOut, ...] = ()
+    lines: tuple[Line, ...] = ()  # Above all tables
 
 
 NUM_WINDOWS = 4
@@ -168,11 +172,12 @@ class Inspection:
     times: Mapping[int, Int64] | None
     topics: tuple[SampledTopic, ...]  # By name
     unread: tuple[LeftOut, ...]
+    decoders: Sequence[NamedDecoder] = ()
 
 
-def inspect_log(container: Container) -> Inspection:
+def inspect_log(container: Container, decoders: Sequence[NamedDecoder] = ()) -> Inspection:
     """Sample a log; what can't be decoded is passed over. Raises LogError where it can't be read."""
-    found, times = roles(container), container.log_times()
+    found, times = roles(container, decoders), container.log_times()
     measured = {id_: role for id_, role in sorted(found.items()) if role.kind in _MEASURED}
     topics: dict[str, SampledTopic] = {}
     for id_, role in measured.items():
@@ -207,7 +212,7 @@ def inspect_log(container: Container) -> Inspection:
     for topic in topics.values():
         _count_measurements(topic, num_taken[topic.topic])
     by_name = tuple(topic for _, topic in sorted(topics.items()))
-    return Inspection(container, found, times, by_name, _unread_topics(container, found))
+    return Inspection(container, found, times, by_name, _unread_topics(container, found), decoders)
 
 
 def _count_measurements(topic: SampledTopic, num_taken: int) -> None:
@@ -240,7 +245,8 @@ def _cloud_fields(channel: Channel, entry: Entry) -> tuple[str, ...]:
         return ()
     with suppress(DecodeError):
         if channel.schema_name == "foxglove.PointCloud":
-            proto = parse(CloudProto, split(entry.data, CloudProto.DATA_FIELD_NUMBER)[0])
+            data = to_protobuf(channel.schema_name, entry.data) if channel.encoding == JSON else entry.data
+            proto = parse(CloudProto, split(data, CloudProto.DATA_FIELD_NUMBER)[0])
             return tuple(field.name for field in proto.fields)
         if channel.encoding in ("cdr", "ros1") and full_name(channel.schema_name) == "sensor_msgs/msg/PointCloud2":
             return tuple(field.name for field in read_cloud(entry.data, channel.encoding).fields)

@@ -1,6 +1,9 @@
 """A log as the command line names it: the file, and everything that is said about it."""
 
+import inspect
+import sys
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -9,11 +12,12 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.engine.frame_buffer import SyncParams, make_sync_params
 from fbench.replay.formats.rig_files import open_rig_file
 from fbench.replay.formats.text import digest_of
+from fbench.replay.logs.codecs.plugin import NamedDecoder
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import BoxSource, Setup, StampParams, make_stamp_params
 from fbench.replay.runs.manifest import InputEntry, TruthEntry
-from fbench.replay.setup.configuration import Config, FramesTable, find_config, load_config, setup_of
+from fbench.replay.setup.configuration import Config, FramesTable, find_config, inside, load_config, setup_of
 
 NO_CONFIG = "none"
 
@@ -32,14 +36,19 @@ class LogRequest:
     """Results of another system."""
     topics: Sequence[str] = ()
     """Patterns of those that are read."""
+    decoder: Sequence[str] = ()
+    """Decoders of messages that fbench doesn't know: names (see `fbench plugins decoders`) or `FILE.py:FUNCTION`."""
 
     def absolute(self) -> "LogRequest":
         """Return the same with paths that hold in every folder."""
+        from fbench.replay.contracts.plugins import absolute_name  # plug-ins need tables
+
         config = self.config if self.config in (None, NO_CONFIG) else str(Path(self.config).resolve())
         path, rig = self.path.resolve(), [path.resolve() for path in self.rig]
         boxes = (self.truth, self.detections)
         truth, detections = (source and replace(source, path=source.path.resolve()) for source in boxes)
-        return replace(self, path=path, config=config, rig=rig, truth=truth, detections=detections)
+        decoder = [absolute_name(name) for name in self.decoder]
+        return replace(self, path=path, config=config, rig=rig, truth=truth, detections=detections, decoder=decoder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +106,9 @@ class LogSource:
 
 
 def log_source(request: LogRequest) -> LogSource:
-    """Read the configuration and calibration of a log. Raises ConfigError where one of the files can't be used."""
+    """Read the configuration, calibration and decoders of a log. Raises ConfigError where one of the files can't be
+    used, or a configuration that nobody named wants to run code.
+    """
     path = find_config(request.path) if request.config is None else Path(request.config)
     if request.config == NO_CONFIG:
         path = None
@@ -111,9 +122,61 @@ def log_source(request: LogRequest) -> LogSource:
     for file in reversed(request.rig):
         patch = open_rig_file(file).over(patch)
         inputs.append(_input_entry("rig", file))
-    setup = replace(setup, rig=patch, truth=request.truth or setup.truth, results=request.detections or setup.results)
+    decoders = [name_decoder(name, is_required=True) for name in request.decoder]
+    if path is not None and config.decoder:
+        decoders += _configured_decoders(config, path, request)
+    inputs += [_decoder_entry(named) for named in decoders]
+    setup = replace(
+        setup,
+        decoders=tuple(decoders),
+        rig=patch,
+        truth=request.truth or setup.truth,
+        results=request.detections or setup.results,
+    )
     offsets = {name: table.offset_ms for name, table in config.sensors.items()}
     return LogSource(request.path, setup, config.frames, offsets, request.topics, inputs)
+
+
+def name_decoder(name: str, *, is_required: bool = False) -> NamedDecoder:
+    """Load a decoder. Raises ConfigError where it can't be loaded, or isn't one."""
+    from fbench.replay.contracts.plugins import load_decoder  # plug-ins need tables, most logs no decoder
+
+    path, _, function = name.rpartition(":")
+    with redirect_stdout(sys.stderr):  # what its file prints mustn't get between the lines of --json
+        decoder = load_decoder(name)
+    return NamedDecoder(f"{Path(path).name}:{function}" if path else name, decoder, is_required)
+
+
+def _configured_decoders(config: Config, path: Path, request: LogRequest) -> list[NamedDecoder]:
+    """Decoders that a configuration names and the command line doesn't. A file that lies beside a log by chance may be
+    anybody's, so that the user must name it, or the configuration.
+    """
+    from fbench.replay.contracts.plugins import absolute_name
+
+    named = {absolute_name(name) for name in request.decoder}
+    found: list[NamedDecoder] = []
+    for name in config.decoder:
+        file, _, function = name.rpartition(":")
+        full = absolute_name(f"{inside(path, file)}:{function}") if ".py:" in name else name
+        if full in named:
+            continue
+        if full != name and request.config is None:
+            what = f"'{name}' is a program, which only runs where you name it"
+            raise ConfigError(f"{path}: decoder: {what}; give --config {path}, or --decoder {full}", "SEC002")
+        found.append(name_decoder(full))
+    return found
+
+
+def _decoder_entry(named: NamedDecoder) -> InputEntry:
+    """The file with a decoder's code, and of an installed one its package's version."""
+    from fbench.replay.contracts.plugins import version_of
+
+    function = inspect.unwrap(named.decoder.function)
+    try:
+        digest = digest_of(Path(inspect.getfile(function)))
+    except TypeError:  # it isn't written in Python
+        digest = ""
+    return InputEntry(role="decoder", name=f"{named.name}{version_of('decoders', named.name)}", digest=digest)
 
 
 def _input_entry(role: str, path: Path) -> InputEntry:

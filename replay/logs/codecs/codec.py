@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
+from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.coordinate_frames import Edge
@@ -68,6 +69,10 @@ class Assembler(Protocol):
         """Take a message, in the order of the channel; return the measurement that it shows to be whole, if any, with
         its log time. Raises DecodeError where it is damaged: what it would have completed goes on without it.
         """
+
+
+class NothingError(DecodeError):
+    """A message that holds nothing of what its channel is read for: it is passed over, and no fault."""
 
 
 class Codec(Protocol):

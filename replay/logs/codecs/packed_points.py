@@ -165,4 +165,5 @@ def place(points: C, translation: Float64, rotation_xyzw: Float64) -> C:
         matrix = pose_matrix(translation, rotation_xyzw)
     except ValueError as error:
         raise DecodeError(f"pose of the points isn't one ({error})") from error
-    return replace(points, xyz=transform(matrix, points.xyz).astype(np.float32))
+    with np.errstate(over="ignore", invalid="ignore"):  # what isn't finite is dealt with where it matters
+        return replace(points, xyz=transform(matrix, points.xyz).astype(np.float32))

@@ -255,13 +255,14 @@ def foreign(path, topics):
 
 
 def test_unknown_topics_are_counted_once(tmp_path):
-    topics = [("/odd", "my.Type", "json", [b"1", b"2"]), ("/bare", "", "", [b"1"]),
+    topics = [("/odd", "my.Type", "json", [b"1", b"2"]), ("/bare", "", "", [b"1"]), ("/json", "", "json", [b"{}"]),
               ("/ros", "foxglove.PointCloud", "cdr", [b"1"])]  # fmt: skip
     reader, faults = b.read(foreign(tmp_path / "log.mcap", topics))
     assert list(reader.messages()) == []
     assert list(reader.messages()) == []
     assert faults.places["LOG012"] == [
         "log.mcap: topic '/bare' has type 'unknown' (encoding none)",
+        "log.mcap: topic '/json' has type 'unknown' (encoding json), without a schema that says what it is",
         "log.mcap: topic '/odd' has type 'my.Type' (encoding json)",
         "log.mcap: topic '/ros' has type 'foxglove.PointCloud' (encoding cdr)",
     ]

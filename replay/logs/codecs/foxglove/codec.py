@@ -1,4 +1,4 @@
-"""The codec of channels with Foxglove Protobuf schemas."""
+"""The codec of channels with Foxglove schemas, in Protobuf or JSON."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +23,7 @@ from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.boxes import scene_boxes
 from fbench.replay.logs.codecs.codec import Codec, Origin, Probe, TruthPart, part_of
 from fbench.replay.logs.codecs.foxglove import messages
+from fbench.replay.logs.codecs.foxglove.json_messages import json_codec
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split
 from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration
 from fbench.replay.logs.codecs.foxglove.truth import read_boxes
@@ -31,6 +32,7 @@ from fbench.replay.logs.codecs.video.stream import require_codec
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.coordinate_frames import Edge
 
+JSON = "json"
 _MAX_BYTES = 8 * 2**20
 """As of messages of ROS: an entity that says nothing takes two bytes, and a hundred times that in memory."""
 
@@ -50,10 +52,17 @@ _SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[messages.Bulk] | None]] = {
 """What channels of a schema can be, and the messages of those with bulk data."""
 
 
+def foxglove_types() -> Mapping[str, tuple[str, ...]]:
+    """What channels can be, by the name of their schema."""
+    return {name: kinds for name, (kinds, _) in sorted(_SCHEMAS.items())}
+
+
 def foxglove_codec(channel: Channel) -> Codec | None:
     """Return the codec of a channel; `None` where its schema isn't one of those that fbench reads."""
-    is_own = KIND in channel.metadata
-    return _FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _SCHEMAS else None
+    if channel.schema_name not in _SCHEMAS:
+        return None
+    codec = _FoxgloveCodec(channel.schema_name, channel.topic, is_own=KIND in channel.metadata)
+    return json_codec(channel.schema_name, codec) if channel.encoding == JSON else codec
 
 
 @dataclass(frozen=True)

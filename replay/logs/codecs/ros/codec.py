@@ -15,6 +15,7 @@ from fbench.replay.logs.codecs.ros import boxes, camera, clouds, delphi, lidars,
 from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1
 from fbench.replay.logs.codecs.ros.decoder import Decode, decoder, header
 from fbench.replay.logs.codecs.ros.definitions import full_name, has_text, types_of
+from fbench.replay.logs.codecs.ros.ouster import PACKETS
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.coordinate_frames import Edge
 
@@ -133,6 +134,20 @@ def ros_codec(channel: Channel) -> Codec | None:
     if types == standard:
         return _RosCodec(name, known, encoding, lambda data: layout(data, encoding))
     raise DecodeError(f"definition of {name} isn't the standard one")
+
+
+def ros_types() -> Mapping[str, tuple[str, ...]]:
+    """What channels can be, by the name of their type; types that are only refused with a reason are left out."""
+    read = {n: t.kinds for n, t in _TYPES.items() if t.message or t.transforms or t.calibration or t.truth}
+    return dict(sorted({**read, **dict.fromkeys(PACKETS, ("lidar",))}.items()))
+
+
+def lacks_definition(channel: Channel) -> bool:
+    """Tell whether a channel's type is one that fbench can't read without the definition, which the log doesn't hold
+    in a form that is read.
+    """
+    known = _TYPES.get(full_name(channel.schema_name))
+    return known is not None and known.needs_definition and not has_text(channel.schema)
 
 
 def _recognize(name: str, channel: Channel) -> _Type | None:

@@ -13,10 +13,10 @@ MAX_BYTES = 8 * 1024 * 1024  # Of a message without bulk data; 10,000 detections
 Decode = Callable[[memoryview], Any]
 
 
-def decoder(name: str, types: Types, encoding: str) -> Decode:
+def decoder(name: str, types: Types, encoding: str, limit: int = MAX_BYTES) -> Decode:
     """Return a function from payloads to message objects, whose attributes are the fields. The function raises
-    DecodeError where a payload is damaged or larger than `MAX_BYTES`. Raises DecodeError where rosbags can't make code
-    of the types.
+    DecodeError where a payload is damaged or larger than `limit` [byte]. Raises DecodeError where rosbags can't make
+    code of the types.
     """
     from rosbags.serde import SerdeError
     from rosbags.typesys import TypesysError
@@ -31,8 +31,8 @@ def decoder(name: str, types: Types, encoding: str) -> Decode:
     read = store.deserialize_cdr if encoding == CDR else store.deserialize_ros1
 
     def decode(data: memoryview) -> object:
-        if len(data) > MAX_BYTES:
-            raise DecodeError(f"{name} of {len(data)} bytes, more than {MAX_BYTES}")
+        if len(data) > limit:
+            raise DecodeError(f"{name} of {len(data)} bytes, more than {limit}")
         try:
             return read(data, name)
         except SerdeError as error:

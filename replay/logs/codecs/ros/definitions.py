@@ -2,8 +2,8 @@
 
 rosbags turns definitions into Python code, which it executes. A log is untrusted, so names, types and sizes must pass
 a strict grammar first, and messages must not be able to grow far beyond their payload when they are decoded. Texts in
-IDL aren't parsed: rosbags' parser takes 0.2 s for one pair of brackets, 7 s for two in each other; the types that
-fbench reads have all a .msg text, so that only their names are needed.
+IDL count only for types that aren't standard. They are read by `idl`: rosbags' parser takes 0.2 s for one pair of
+brackets, 7 s for two in each other.
 """
 
 import re
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.logs.codecs.ros.cursor import CDR
+from fbench.replay.logs.codecs.ros.idl import idl_texts
 from fbench.replay.logs.container import Schema
 
 if TYPE_CHECKING:
@@ -70,9 +71,10 @@ Velodyne.
 """
 
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
-_TEXTS = ("ros2msg", "ros1msg")
+_TEXTS, _IDL = ("ros2msg", "ros1msg"), "ros2idl"
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}/msg/[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
 _PACKAGE = re.compile(r"^((?:MSG: )?[ \t]*)([A-Za-z][A-Za-z0-9_]*)(?=/)", re.ASCII | re.MULTILINE)
+_DDS = re.compile(r"(\w+)::msg::dds_::(\w+)_", re.ASCII)
 _FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
 _SIZES: Mapping[str, int] = {
     "bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
@@ -87,7 +89,11 @@ Types = dict[str, tuple[list[Any], list[Any]]]  # Constants and fields by full n
 
 
 def full_name(name: str) -> str:
-    """Return `pkg/msg/Name`, also for `pkg/Name`; rosbags knows packages in lower case only, unlike `ars_40X`."""
+    """Return `pkg/msg/Name`, also for `pkg/Name` and what recorders of DDS write: `pkg::msg::dds_::Name_`. rosbags
+    knows packages in lower case only, unlike `ars_40X`.
+    """
+    if dds := _DDS.fullmatch(name):
+        name = f"{dds[1]}/{dds[2]}"
     parts = name.split("/")
     parts[0] = parts[0].lower() if len(parts) > 1 else parts[0]
     return "/".join((parts[0], "msg", parts[1])) if len(parts) == 2 else name
@@ -95,7 +101,7 @@ def full_name(name: str) -> str:
 
 def has_text(schema: Schema | None) -> bool:
     """Tell whether a log carries the definition in a form that is read."""
-    return schema is not None and schema.encoding in _TEXTS and bool(schema.data.strip())
+    return schema is not None and schema.encoding in (*_TEXTS, _IDL) and bool(schema.data.strip())
 
 
 def types_of(name: str, schema: Schema | None, encoding: str, *, by_rosbags: bool = True) -> Types:
@@ -106,14 +112,17 @@ def types_of(name: str, schema: Schema | None, encoding: str, *, by_rosbags: boo
 
     standard = get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
     types: Types = {}
-    _collect(name, (_embed(name, schema), standard), types)
+    sources: tuple[Types, ...] = (_embed(name, schema), standard)
+    if schema is not None and schema.encoding == _IDL and name not in DEFINITIONS and name not in standard:
+        sources = (*sources, _parse(idl_texts(schema.data)))
+    _collect(name, sources, types)
     if by_rosbags:
         _measure(name, types, {})
     return types
 
 
 def _embed(name: str, schema: Schema | None) -> Types:
-    if schema is None or not has_text(schema):
+    if schema is None or schema.encoding not in _TEXTS or not has_text(schema):
         return {}
     if len(schema.data) > MAX_BYTES:
         raise DecodeError(f"definition of {name} has {len(schema.data)} bytes, more than {MAX_BYTES}")
@@ -139,18 +148,18 @@ def _parse(texts: Mapping[str, str]) -> Types:
     return types
 
 
-def _collect(name: str, sources: tuple[Types, Types], types: Types) -> None:
-    """Add a type and those of its fields: as the log gives it, else as `DEFINITIONS`, else as the standard does.
-    Constants are left out, nothing needs them.
+def _collect(name: str, sources: tuple[Types, ...], types: Types) -> None:
+    """Add a type and those of its fields: as the first source gives it, which is the log's, else as `DEFINITIONS`, else
+    as the other sources do. Constants are left out, nothing needs them.
     """
     if name in types:
         return
     if not _TYPE.fullmatch(name):
         raise DecodeError(f"'{name[:80]}' isn't the name of a message type")
-    first, standard = sources
+    first, *others = sources
     if name not in first and name in DEFINITIONS:
         first = _parse({name: DEFINITIONS[name]})  # one at a time: all take 8 ms
-    fields = first.get(name, standard.get(name, (None, None)))[1]
+    fields = next((source[name][1] for source in (first, *others) if name in source), None)
     if fields is None:
         raise DecodeError(f"definition of {name} is missing")
     if len(types) >= _MAX_TYPES or len(fields) > _MAX_FIELDS:
@@ -174,6 +183,12 @@ def _element(descriptor: tuple["Nodetype", Any]) -> tuple[str, int | None]:
         number = what[1] if node == Nodetype.ARRAY else None
         node, what = what[0]
     return str(what[0] if node == Nodetype.BASE else what), number
+
+
+def has_bulk_only(types: Types) -> bool:
+    """Tell whether sequences in messages of these types are of numbers alone, which are read at once."""
+    parts = [_element(descriptor) for _, fields in types.values() for _, descriptor in fields]
+    return all(number is not None or (inner in _SIZES and inner != "string") for inner, number in parts)
 
 
 class _Size(NamedTuple):

@@ -20,7 +20,7 @@ from fbench.replay.logs.containers.mcap import records
 from fbench.replay.logs.containers.mcap.index import Block, Index, NoIndexError, has_end, read_index
 from fbench.replay.logs.containers.mcap.records import HEAD, MAGIC, MESSAGE, RecordError
 from fbench.replay.logs.containers.mcap.walk import walk
-from fbench.replay.logs.containers.rosbag.zstd import unpack_message
+from fbench.replay.logs.containers.rosbag.zstd import is_packed, unpack_message
 
 MAX_SHARE = 0.005  # Message indexes that are a larger share of the file aren't read, unless they are small:
 SMALL = 1024 * 1024  # [byte]
@@ -39,13 +39,14 @@ MAX_ENTRIES = 2**19
 class McapFile(StoredLog):
     """Finds and reads the messages of a file; implements `Container`.
 
-    Each fault is counted once, however often it is met. `is_packed`: rosbag2 compressed the messages one by one with
-    zstd. Raises LogError where the file can't be opened or isn't MCAP.
+    Each fault is counted once, however often it is met. `has_packed`: rosbag2 compressed the messages one by one with
+    zstd; without it, such blocks are found by how their messages begin. Raises LogError where the file can't be opened
+    or isn't MCAP.
     """
 
-    def __init__(self, path: Path, faults: FaultLog, is_packed: bool = False) -> None:
+    def __init__(self, path: Path, faults: FaultLog, has_packed: bool = False) -> None:
         super().__init__(path, faults)
-        self._is_packed = is_packed
+        self._has_packed = has_packed
         self._kept: tuple[tuple[int, memoryview], ...] = ()
         with self._open() as file:
             self.index = self._read_index(file, os.fstat(file.fileno()).st_size)
@@ -58,6 +59,7 @@ class McapFile(StoredLog):
                 self.once("LOG004", (0,), f"metadata record '{header.NAME}': {error}")
         self.channels = self._channels()
         self.counts = self.index.counts
+        self._cdr = frozenset(id_ for id_, channel in self.channels.items() if channel.encoding == "cdr")
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """Log times from the message indexes behind the chunks; `None` where they are absent, too large or wrong.
@@ -91,7 +93,7 @@ class McapFile(StoredLog):
             entries = merge_blocks(blocks, lambda block: self._load(file, held, block, channels, block is first))
             if start_ns is not None:
                 entries = (entry for entry in entries if entry.log_ns >= start_ns)
-            yield from self._unpack(entries) if self._is_packed else entries
+            yield from self._unpack(entries) if self._has_packed else entries
 
     def verify(self) -> None:
         """Compare all bytes before the record DataEnd, which lies right before the summary, with the checksum in it,
@@ -152,7 +154,8 @@ class McapFile(StoredLog):
             if len(found) > MAX_ENTRIES:
                 raise LimitError(f"{where}: holds more than {MAX_ENTRIES} messages", "LIM001")
             found.sort()
-            return held.hold(found, len(found), len(data), block.length)
+            entries = held.hold(found, len(found), len(data), block.length)
+            return self._unpack(entries) if not self._has_packed and self._is_packed(found) else entries
         except RecordError as error:
             self.once("LOG004", (block.offset,), f"byte {block.offset}: {error}")
             return []
@@ -179,8 +182,16 @@ class McapFile(StoredLog):
         held.require(where, chunk.size, block.length)
         return records.unpack(chunk, where)
 
+    def _is_packed(self, entries: Sequence[Entry]) -> bool:
+        """Tell by its first message in CDR whether rosbag2 compressed those of a block one by one: it does all."""
+        first = next((entry for entry in entries if entry.channel in self._cdr), None) if self._cdr else None
+        return first is not None and is_packed(cast(memoryview, first.data), "cdr")
+
     def _unpack(self, entries: Iterator[Entry]) -> Iterator[Entry]:
         for entry in entries:
+            if entry.channel not in self._cdr and not self._has_packed:
+                yield entry
+                continue
             try:
                 unpacked = entry._replace(data=unpack_message(cast(memoryview, entry.data)))
             except RecordError as error:

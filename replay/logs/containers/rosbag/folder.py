@@ -57,7 +57,9 @@ class Part:
 
 def is_recording(folder: Path) -> bool:
     """Tell whether a folder looks like one of rosbag2."""
-    return (folder / NAME).is_file() or any(path.suffix in _SUFFIXES for path in _files(folder))
+    return (folder / NAME).is_file() or any(
+        Path(path.name.removesuffix(_PACKED)).suffix in _SUFFIXES for path in _files(folder)
+    )
 
 
 def rosbag2_files(folder: Path, faults: FaultLog) -> list[Part]:

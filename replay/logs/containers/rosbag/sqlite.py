@@ -20,7 +20,7 @@ from fbench.replay.data.arrays import Int64
 from fbench.replay.logs.container import Channel, Entry, Schema
 from fbench.replay.logs.containers.limits import StoredLog, looks_like
 from fbench.replay.logs.containers.mcap.records import MAX_RECORD, RecordError, check_size
-from fbench.replay.logs.containers.rosbag.zstd import check_format, unpack_message
+from fbench.replay.logs.containers.rosbag.zstd import check_format, is_packed, unpack_message
 
 _MAGIC = b"SQLite format 3\x00"
 FAILURES = (sqlite3.Error, UnicodeDecodeError)
@@ -162,8 +162,9 @@ class _Head(NamedTuple):
 class Db3File(StoredLog):
     """Finds and reads the messages of a file; each fault is counted once, however often it is met.
 
-    `compression` is that of the single messages, which only the recording's `metadata.yaml` tells. Raises LogError
-    where the file can't be opened, is damaged or not as rosbag2 writes it.
+    `compression` is that of the single messages, which the recording's `metadata.yaml` tells; without it, messages in
+    zstd are found by how they begin. Raises LogError where the file can't be opened, is damaged or not as rosbag2
+    writes it.
     """
 
     def __init__(self, path: Path, faults: FaultLog, compression: str = "") -> None:
@@ -254,7 +255,9 @@ class Db3File(StoredLog):
                         if size is None:
                             raise RecordError("its data aren't binary")
                         data = memoryview(cursor.execute(_DATA, (row,)).fetchone()[0])
-                        data = unpack_message(data) if self._is_packed else data
+                        # Without `metadata.yaml`, only the message itself says that it is compressed.
+                        packed = self._is_packed or is_packed(data, self.channels[channel].encoding)
+                        data = unpack_message(data) if packed else data
                     except (RecordError, *FAILURES) as error:
                         self._lose(row, log_ns, error)
                     else:

@@ -4,8 +4,10 @@ import time
 from pathlib import Path
 
 import pytest
+import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.writer import Writer
 from tests.replay.logs.containers.rosbag import builders as b
 
 from fbench.replay.contracts.errors import LogError
@@ -56,6 +58,58 @@ def test_recordings_of_rosbags(tmp_path, version, mode, storage):
     got = [(entry.log_ns, entry.topic, bytes(entry.data)) for entry in container.entries(frozenset(container.channels))]
     assert sorted(got) == b.read_bag2(folder)
     assert not faults.num_lost
+
+
+@pytest.mark.parametrize("named", ["folder", "file"])
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_compressed_messages_without_metadata(tmp_path, storage, named):
+    messages = [(number, log_ns, b"\0\1\0\0" + data) for number, log_ns, data in b.rows()]
+    folder = b.write_bag2(tmp_path / "bag", messages, 9, "message", storage)
+    expected = b.read_bag2(folder)
+    (folder / "metadata.yaml").unlink()
+    faults = FaultLog()
+    (part,) = folder.iterdir()
+    container = open_container(folder if named == "folder" else part, faults)
+    got = [(entry.log_ns, entry.topic, bytes(entry.data)) for entry in container.entries(frozenset(container.channels))]
+    assert sorted(got) == expected
+    assert not faults.num_lost
+
+
+@pytest.mark.parametrize("size", [300 * 2**20, 0])
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_compressed_messages_without_metadata_that_are_bombs_or_damaged(tmp_path, storage, size):
+    bad = zstandard.compress(bytes(size)) if size else b"\x28\xb5\x2f\xfd\xff\xff"
+    good = zstandard.compress(b"\0\1\0\0fine")
+    folder = b.write_bag2(tmp_path / "bag", [(0, 5, good), (0, 6, bad), (0, 7, good)], storage=storage)
+    (folder / "metadata.yaml").unlink()
+    faults = FaultLog()
+    container = open_container(folder, faults)
+    assert [entry.log_ns for entry in container.entries(frozenset(container.channels))] == [5, 7]
+    assert faults.counts["LOG004"] == 1
+    assert ("more than the limit" if size else "zstd data are damaged") in faults.places["LOG004"][0]
+
+
+def test_other_encodings_may_begin_like_zstd(tmp_path):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/bytes", "custom", 0)
+        writer.add_message(channel, 5, b"\x28\xb5\x2f\xfdraw", 5)
+        writer.finish()
+    container = open_container(path, FaultLog())
+    assert [bytes(entry.data) for entry in container.entries(frozenset(container.channels))] == [b"\x28\xb5\x2f\xfdraw"]
+
+
+@pytest.mark.parametrize("has_metadata", [True, False])
+@pytest.mark.parametrize("suffix", [".db3", ".mcap"])
+def test_compressed_files_say_what_undoes_it(tmp_path, suffix, has_metadata):
+    name = f"bag_0{suffix}.zstd"
+    folder = folder_of(tmp_path, [name], metadata([name], mode="FILE", fmt="zstd") if has_metadata else None)
+    (folder / name).write_bytes(zstandard.compress(b"SQLite format 3\x00"))
+    for path in (folder, folder / name):
+        with pytest.raises(LogError, match=rf"{name}: compressed as a whole; decompress it first \(`unzstd {name}`\)"):
+            open_container(path, FaultLog())
 
 
 def test_bags_of_ros_1_come_by_number_whatever_the_order_of_the_folder(tmp_path, monkeypatch):
