@@ -9,7 +9,7 @@ from fbench.replay.check.times import StreamStats, Times, stream_stats, time_fin
 from fbench.replay.check.trial import FrameCheck, FrameStats, Trial
 from fbench.replay.check.truth import TruthCheck, TruthClock
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.contracts.faults import FAULTS, FaultLog
+from fbench.replay.contracts.faults import FAULTS, UNVERIFIED, FaultLog
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.images import LAYOUTS, decode, read_size
@@ -154,9 +154,7 @@ class _Check:
         stats = {name: stream_stats(name, self._kinds.get(name, ""), line, sync.max_gap_ns)
                  for name, line in lines.items()}  # fmt: skip
         found = [finding("CAL001", sensor, why) for sensor, why in sorted(self._known.problems.items())]
-        for code, num in sorted(self._faults.counts.items()):
-            places = self._faults.places.get(code, [])
-            found.append(finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else ""))
+        found += self._fault_findings()
         no_message = "the rig has it, but the log has no message of it"
         severity: Severity | None = "info" if self._reference == BOXES else None
         silent = [name for name, s in stats.items() if not s.num_messages]
@@ -182,3 +180,14 @@ class _Check:
             tuple(stats.values()), topics_of(reader), frames, self._truth.num_messages, num_labeled,
             tuple(sorted(found, key=lambda f: (SEVERITIES.index(f.severity), f.code, f.source, f.text))),
         )  # fmt: skip
+
+    def _fault_findings(self) -> Iterator[Finding]:
+        """Report what was counted while the log was read. What its format can't have is no fault of the log."""
+        for code, num in sorted(self._faults.counts.items()):
+            places, text = self._faults.places.get(code, []), f"{FAULTS[code].text}: {num}"
+            first = places[0] if places else ""
+            if code == UNVERIFIED and not self._reader.container.keeps_checksums:
+                text = "the format has no checksums, so damage could go unnoticed"
+                yield finding(code, "", text, num, first, "info", "nothing; fbench log convert writes a log with them")
+            else:
+                yield finding(code, "", text, num, first)

@@ -166,6 +166,8 @@ class Db3File(StoredLog):
     where the file can't be opened, is damaged or not as rosbag2 writes it.
     """
 
+    keeps_checksums = False
+
     def __init__(self, path: Path, faults: FaultLog, compression: str = "") -> None:
         check_format(path, compression)
         super().__init__(path, faults)
