@@ -154,7 +154,9 @@ def to_output(output: schema.Output) -> Output:
         if stage.duration_ns > _MAX_STAGE_NS:
             raise DataError(f"stages: '{stage.name}' took {stage.duration_ns} ns, which can't be")
     stage_ns = {stage.name: stage.duration_ns for stage in output.stages}
-    return Output(detections, tracks, stage_ns, missing=dict(sorted(output.missing.items())))
+    found = output.in_2d if output.HasField("in_2d") else output.in_3d
+    given = tracks if found.HasField("tracks") else None
+    return Output(detections, given, stage_ns, missing=dict(sorted(output.missing.items())))
 
 
 def _read_boxes(name: str, output: schema.Output) -> Boxes:

@@ -77,6 +77,7 @@ class TrackingPipeline(ABC, Generic[B]):
     detect. Trackers in space track in world coordinates where the log has poses.
     """
 
+    is_tracker = True
     missing: Mapping[str, str] = NOTHING  # Sensors that can't be used in any frame, with the reason
     weights: Mapping[str, object] = NOTHING  # See `identity`
 

@@ -153,6 +153,15 @@ class TakesArgument(Protocol):
 
 
 @runtime_checkable
+class Tracks(Protocol):
+    """A pipeline that says whether it tracks. Of another one the outputs tell: see `Output.tracks`."""
+
+    @property
+    def is_tracker(self) -> bool:
+        """Whether it tracks, also where it has followed nothing."""
+
+
+@runtime_checkable
 class TellsIdentity(Protocol):
     """A pipeline whose work is done by something that its parameters don't tell apart: one build of a program, say."""
 

@@ -13,8 +13,8 @@ import numpy as np
 from fbench.replay.contracts.errors import INTERRUPTS, LogError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guard
-from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
-from fbench.replay.data.boxes import finite
+from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity, Tracks
+from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.engine.cleaning import OutputCheck
 from fbench.replay.engine.clock import Clock
@@ -97,6 +97,8 @@ class _Loop:
         self._media = MediaKeeper(self._rig, 0 if plan.redact else plan.num_media)
         self._check = OutputCheck(self._rig)
         self._chain, self._failures = START, 0
+        self._num_detections = self._num_tracks = 0
+        self._says_tracks = False  # Whether the pipeline ever said what it tracks, if only that it is nothing
         self._segment: int | None = None
         self._recursion_limit = sys.getrecursionlimit()
 
@@ -123,7 +125,7 @@ class _Loop:
         output, failed = self._run_pipeline(frame)
         total_ns = time.perf_counter_ns() - start
         stamp, segment = frame.stamp_ns, frame.segment
-        results = None if output is None else (output.detections, output.tracks)
+        results = None if output is None else self._note_tracks(output)
         missing = {**frame.missing, **({} if output is None else clean_mapping(output.missing))}
         frame_digest = digest([frame.index, stamp, segment, missing, failed, results])
         self._chain = link(self._chain, frame_digest)
@@ -140,6 +142,25 @@ class _Loop:
         else:
             self._writer.add_frame(record, {**stages, "total": sum(stages.values())} if stages else {}, "log")
         self._media.offer(frame)
+
+    def _note_tracks(self, output: Output) -> tuple[Boxes, Boxes]:
+        """Return detections and tracks, and remember whether there ever were any."""
+        detections, tracks = output.detections, output.tracks
+        self._num_detections += len(detections)
+        if tracks is None:
+            return detections, type(detections).empty()
+        self._num_tracks, self._says_tracks = self._num_tracks + len(tracks), True
+        return detections, tracks
+
+    def _has_tracks(self) -> bool:
+        """Tell whether the pipeline tracks. Where it doesn't say so itself, empty tracks beside detections mean that it
+        only detects: many programs fill in what they don't know so.
+        """
+        if self._num_tracks:
+            return True
+        if isinstance(self._plan.pipeline, Tracks):
+            return self._plan.pipeline.is_tracker
+        return self._says_tracks and not self._num_detections
 
     def _run_pipeline(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
@@ -232,6 +253,7 @@ class _Loop:
             excerpt=str(plan.excerpt),
         )
         content = manifest.Manifest(
+            has_tracks=self._has_tracks(),
             complete=not plan.budget.find_exceeded(self._faults),
             log=manifest.LogEntry(name=info.name, log_id=info.log_id, digest=stream.digest.hex(), metadata=metadata),
             pipeline=plan.name,

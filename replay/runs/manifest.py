@@ -122,6 +122,7 @@ class Manifest(_Strict):
 
     format: int = FORMAT
     complete: bool  # False where data was lost beyond the fault budget
+    has_tracks: bool = True  # False where the pipeline only detects, so that there is nothing to say of its tracks
     log: LogEntry
     pipeline: str
     parameters: dict[str, Any]
