@@ -168,9 +168,10 @@ class _Check:
         if self._frames is not None:
             found += self._truth.findings(*self._frames.stamps)
             num_labeled = int(self._truth.find_labeled(*self._frames.stamps).sum())
-        frames = None if self._frames is None else self._frames.stats
+        frames, short = None if self._frames is None else self._frames.stats, self._find_short()
+        found += short
         if self._trial is not None:
-            found += self._trial.findings(frames, sync)
+            found += self._trial.findings(frames, sync, {one.source for one in short})
         ignored = set(self._options.ignored)
         if reader.info.metadata.get(GAPS) == MEANT:
             ignored.add("TIM007")
@@ -191,3 +192,17 @@ class _Check:
                 yield finding(code, "", text, num, first, "info", "nothing; fbench log convert writes a log with them")
             else:
                 yield finding(code, "", text, num, first)
+
+    def _find_short(self) -> list[Finding]:
+        """Report the sensors that came, but are in hardly any frame: all, or those that the pipeline needs."""
+        if self._frames is None:
+            return []
+        required = None if self._trial is None else self._trial.required
+        found = self._frames.shortages(self._known.kinds)
+        return [
+            finding(
+                "FRM001", one.sensor, one.text,
+                severity="info" if required is not None and one.sensor not in required else None, advice=one.advice,
+            )
+            for one in found
+        ]  # fmt: skip
