@@ -31,6 +31,9 @@ def hello(rig: Rig, info: LogInfo) -> schema.Hello:
             sensor.camera.distortion_model = camera.distortion_model
             sensor.camera.distortion[:] = camera.distortion.tolist()
         sensors.append(sensor)
+    for name in sorted(rig.bare):  # whose place nobody knows
+        place = {"translation_m": [np.nan] * 3, "rotation_xyzw": [0.0, 0.0, 0.0, 1.0]}
+        sensors.append(schema.Sensor(name=name, kind=_KINDS["camera"], **place))
     metadata = dict(info.metadata)
     return schema.Hello(version=VERSION, log_name=info.name, log_id=info.log_id, metadata=metadata, sensors=sensors)
 

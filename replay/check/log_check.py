@@ -153,7 +153,11 @@ class _Check:
         lines = {name: timeline(times, sync.max_jump_ns) for name, times in self._times.items()}
         stats = {name: stream_stats(name, self._kinds.get(name, ""), line, sync.max_gap_ns)
                  for name, line in lines.items()}  # fmt: skip
-        found = [finding("CAL001", sensor, why) for sensor, why in sorted(self._known.problems.items())]
+        goes_on = self._trial is not None and self._trial.has_started  # with what cameras lack
+        found = [
+            finding("CAL001", name, why, severity="info" if goes_on and self._known.kinds[name] == "camera" else None)
+            for name, why in sorted(self._known.problems.items())
+        ]
         found += self._fault_findings()
         no_message = "the rig has it, but the log has no message of it"
         severity: Severity | None = "info" if self._reference == BOXES else None

@@ -62,7 +62,7 @@ class Trial:
         self._name, self._pipeline = name, pipeline
         self._problems: list[Finding] = []
         self._used: dict[str, bool] = {}  # Whether each sensor made a difference
-        self._num_tried, self._is_ready = 0, False
+        self._num_tried, self._is_ready, self.has_started = 0, False, False
         self._reserve: Frame | None = None
         try:
             rig = reader.rig.without(left_out)
@@ -71,7 +71,7 @@ class Trial:
             return
         try:
             pipeline.start(rig, reader.info)
-            self._is_ready = True
+            self._is_ready = self.has_started = True
         except LogError as error:
             self._problems.append(finding("CHK008", "", f"{name} can't start: {error}"))
         except (ConfigError, *INTERRUPTS):

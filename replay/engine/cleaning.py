@@ -92,7 +92,7 @@ class OutputCheck:
     """Checks outputs of one run: their types, names that exist, and one kind of boxes throughout."""
 
     def __init__(self, rig: Rig) -> None:
-        self._cameras = tuple(sorted(rig.cameras))
+        self._cameras = tuple(sorted({*rig.cameras, *rig.sensors("camera")}))
         self._kind: type[Boxes] | None = None
 
     def __call__(self, output: object) -> Output:

@@ -299,6 +299,7 @@ class _Loop:
             interpolation=manifest.InterpolationEntry(max_gap_ns=plan.max_between_ns, num_frames=stream.num_between),
             mounts=first.mounts,
             cameras=first.cameras,
+            images=dict(sorted(self._media.sizes_wh.items())),
             rig_changes=changed,
             num_frames=len(records),
             num_segments=len({record.segment for record in records}),

@@ -294,6 +294,7 @@ ELSEWHERE = {
     "CFG003": "tests/replay/formats/test_rig_files.py::test_bad_files_are_refused_in_one_line",
     "DEC002": "tests/cli/test_replay.py::test_corrupt_image_is_a_fault_of_its_frame",
     "DEC003": "tests/replay/logs/test_foreign.py::test_broken_clouds_are_counted",
+    "FRM001": "tests/replay/engine/test_absence.py::test_what_came_is_never_said_to_have_never_come",
     "GT001": "tests/cli/test_score_files.py::test_truth_for_no_sequence_is_an_error",
     "GT005": "tests/replay/formats/test_openlabel.py::test_what_is_no_box_is_counted",
     "GT007": "tests/replay/logs/test_ros_rig.py::test_classes_that_mean_nothing_are_counted_once",
