@@ -23,6 +23,7 @@ from tests.replay.logs import builders as b
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
+from fbench.replay.logs.partial_rig import partial_rig
 
 HALF = 2**-0.5
 JPEG = encode_jpeg(np.zeros((6, 8, 3), np.uint8))
