@@ -94,6 +94,8 @@ class Shortage:
     text: str
     advice: str
     is_silent: bool = False  # Whether the log has no message of it
+    shift_ns: int | None = None  # What added to its stamps would mend it, where that is so
+    late_ns: int | None = None  # How much longer frames would have to wait for all of them, where that would mend it
 
 
 def require_any(found: Mapping[str, Shortage], kinds: Mapping[str, str]) -> list[Shortage]:
@@ -130,16 +132,21 @@ def find_shortage(
         advice = f"--timeout-ms {wait_ms} would wait for all of them"
         if middle > _SHIFT_NS:
             advice = f"its clock may be behind: try --offset {sensor}={middle / 1e6:.0f}, or --stamps log"
-        return Shortage(sensor, f"{came}: {num} frames were released {_ms(middle)} too soon for it", advice)
+        text = f"{came}: {num} frames were released {_ms(middle)} too soon for it"
+        if middle > _SHIFT_NS:
+            return Shortage(sensor, text, advice, shift_ns=middle)
+        return Shortage(sensor, text, advice, late_ns=int(amounts[-1]))
     if kind == "early":
         advice = f"its clock may be ahead: try --offset {sensor}={-middle / 1e6:.0f}, or --stamps log"
-        return Shortage(sensor, f"{came}: {_ms(middle)} before the frames that they are stamped for", advice)
+        text = f"{came}: {_ms(middle)} before the frames that they are stamped for"
+        return Shortage(sensor, text, advice, shift_ns=-middle)
     if kind == "off":
         side = "before" if middle < 0 else "after"
         limit = f"tolerance {_ms(params.tolerance_ns)}"
         text = f"{came}: they are stamped {_ms(abs(middle))} {side} the frames' instants ({limit})"
         if abs(middle) > _SHIFT_NS or high - low <= _STEADY * abs(middle):
-            return Shortage(sensor, text, f"if its clock is shifted, give --offset {sensor}={-middle / 1e6:.0f}")
+            advice = f"if its clock is shifted, give --offset {sensor}={-middle / 1e6:.0f}"
+            return Shortage(sensor, text, advice, shift_ns=-middle)
         wanted_ms = -(-int(np.abs(amounts).max()) // 1_000_000)
         return Shortage(sensor, text, f"--tolerance-ms {wanted_ms} would take all of them")
     span_s = (arrivals.last_ns - arrivals.first_ns) / 1e9
