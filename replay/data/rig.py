@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
-from fbench.replay.data.arrays import Float64, freeze_fields
+from fbench.replay.data.arrays import DIGESTED, Float64, freeze_fields
 from fbench.replay.data.metadata import Region, regions_of
 from fbench.replay.geometry.transforms import pose_matrix
 
@@ -64,7 +64,7 @@ class Rig:
     mounts: Mapping[str, Mount]
     cameras: Mapping[str, CameraModel]
     """Those whose intrinsics are known; of others only the images can be used."""
-    bare: frozenset[str] = frozenset()
+    bare: frozenset[str] = field(default=frozenset(), metadata={DIGESTED: False})
     """Cameras that have no mount, since nothing says where they are: only their images can be used."""
 
     @property
