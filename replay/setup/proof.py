@@ -260,6 +260,4 @@ def _leave_out_culprit(draft: Draft, error: str) -> _Change | None:
     for name in names:
         if f"'{name}'" in error and len(names) > 1:
             return _Change(draft.without_table(("sensors", name), f"Left out: {error}"), f"left out {name}: {error}")
-    if pose is not None and "'tf'" in error:
-        return _next_pose(draft, error)
     return None
