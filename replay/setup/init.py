@@ -31,7 +31,8 @@ def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
         others = ", ".join(item.topic for item in left_out[:5]) or f"{len(found.container.channels)} other topics"
         raise LogError(f"{log}: holds no camera, LiDAR or radar that fbench can read, only {others}", "CHK007")
     intrinsics = read_intrinsics(found.container, found.roles)
-    calibrations = {s.name: line for s in sensors if (line := calibration_line(s, intrinsics)) is not None}
+    cameras = [s for s in sensors if s.kind == "camera"]
+    calibrations = {s.name: line for s in cameras if (line := calibration_line(s, intrinsics)) is not None}
     topics = {name: str(line.value) for name, line in calibrations.items()}
     body = guess_body(found.container, found.roles, sensors, topics)
     placed = [s for s in sensors if s.name not in body.left_out] or sensors

@@ -281,3 +281,17 @@ def test_files_beside_the_log_are_suggested(guess, tmp_path):
     assert '# file = "label_2"' in text
     assert "notes" not in text
     assert (config.truth.file, config.body.rig) == (None, ())
+
+
+def test_only_cameras_have_intrinsics(guess):
+    log = d.Drive()
+    edges = [("base_link", "lidar", (0, 0, 1), (0, 0, 0, 1)), ("base_link", "optical", (0, 0, 1), d.OPTICAL)]
+    log.add("/tf_static", d.START_NS, d.transforms(edges))
+    for _, ns in d.steps(8, 100):
+        log.add("/points", ns, d.points("lidar", ns))
+        log.add("/image", ns, d.jpeg("optical", ns))
+        log.add("/camera_info", ns, d.info("optical", ns))
+    config, _ = guess(log)
+    assert {name: sensor.calibration for name, sensor in config.sensors.items()} == {
+        "camera": "/camera_info", "lidar": "",
+    }  # fmt: skip
