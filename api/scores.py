@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fbench.replay.contracts.errors import ConfigError, RunError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, MetricError, RunError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.plugins import entry_points_of, load
 from fbench.replay.data.files import replace_text
@@ -263,6 +263,8 @@ def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult
             require_truth(run)
         rows, warnings = own_rows(runs, match, how)
     else:
+        if profile.facts.judges_tracks and not any(run.manifest.has_tracks for run in runs):
+            raise MetricError(f"{title}: the pipeline gave no tracks, which {profile.name} judges")
         remarks = Remarks(profile, title)
         result = evaluate(profile, remarks.watch(run_sequence(run, profile, match) for run in runs))
         remarks.require_tracks()

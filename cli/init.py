@@ -1,20 +1,27 @@
 """`fbench init`."""
 
 import sys
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import console, make_table, print_json, say
+from fbench.cli.show import console, make_table, print_json, printable, say
+from fbench.replay.contracts.errors import EXIT_NO
 
 if TYPE_CHECKING:
     from fbench.replay.setup.init import Written
     from fbench.replay.setup.inspection import Draft
+    from fbench.replay.setup.proof import Proof
 
 _MAX_VALUE = 48
+_PIPELINES = ("camera2d", "lidar2d", "radar2d", "early2d", "late2d", "lidar3d", "radar3d", "stereo3d", "early3d",
+              "late3d")  # fmt: skip
 
 
 def init(
@@ -32,6 +39,7 @@ def init(
     from fbench.replay.data.files import replace_text
     from fbench.replay.setup.configuration import config_place
     from fbench.replay.setup.init import draft_of, write_toml
+    from fbench.replay.setup.proof import find_ready, prove
 
     place = config_place(log) if out is None else out
     if place.is_dir():
@@ -41,8 +49,12 @@ def init(
     if not place.parent.is_dir():
         raise ConfigError(f"{place}: there is no folder '{place.parent}'")
     faults = FaultLog()
-    with redirect_stdout(sys.stderr), explain_losses(faults):  # what a decoder prints is no line of --json
-        draft = draft_of(log, place, faults, decoder or ())
+    with redirect_stdout(sys.stderr):  # what a decoder prints is no line of --json
+        with explain_losses(faults):
+            draft = draft_of(log, place, faults, decoder or ())
+        proof = prove(draft, log, place, decoder or ())
+        ready = {} if proof.failure else find_ready(proof.source, _PIPELINES)
+    draft = replace(proof.draft, notes=tuple(_proof_lines(proof, ready)))
     written = write_toml(draft)
     replace_text(place, written.text)
     if json:
@@ -59,9 +71,26 @@ def init(
             for p in written.places
         ]
         left_out = [{"topic": item.topic, "why": item.why} for item in draft.left_out]
-        print_json({"config": str(place), "lines": lines, "left_out": left_out})
+        tried = {"frames": proof.frames, "remarks": list(proof.remarks), "failure": proof.failure, "pipelines": ready}
+        print_json({"config": str(place), "lines": lines, "left_out": left_out, "proof": tried})
     else:
         _print(place, draft, written)
+    if proof.failure:
+        sys.stderr.write(f"fbench: {printable(f'the log cannot be replayed with {place} yet: {proof.failure}')}\n")
+        raise typer.Exit(EXIT_NO)
+
+
+def _proof_lines(proof: "Proof", ready: Mapping[str, str]) -> Iterator[str]:
+    """Say what became of the trial."""
+    if proof.failure:
+        yield f"Tried: the log can't be replayed with this file yet: {proof.failure}"
+    else:
+        yield f"Tried: {proof.frames}."
+    yield from (f"  {remark}" for remark in proof.remarks)
+    good = [name for name, why in ready.items() if not why]
+    if ready:
+        yield f"Pipelines that can start: {', '.join(good) or 'none'}"
+    yield from (f"  {name}: {why}" for name, why in ready.items() if why)
 
 
 def _print(place: Path, draft: "Draft", written: "Written") -> None:
@@ -84,4 +113,5 @@ def _print(place: Path, draft: "Draft", written: "Written") -> None:
     if draft.left_out:
         say(f"{len(draft.left_out)} topics aren't used; the file says why")
     numbers = ", ".join(str(p.number) for p in written.guesses)
+    say(*map(plain, draft.notes))
     say(f"wrote {place}", f"look at the guesses in lines {numbers}" if numbers else "no guesses")

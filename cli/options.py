@@ -151,7 +151,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "log check": (
         "fbench log check log.mcap",
         "fbench log check log.mcap -p late3d --timeout-ms 50",
-        "fbench log check log.bag --ignore LOG006 --json",
+        "fbench log check log.mcap --ignore LOG006 --json",
     ),
     "log preview": (
         "fbench log preview log.mcap",

@@ -1,6 +1,7 @@
 """Summary of a finished run: scores, latency, what was missing, faults."""
 
 import json
+import re
 import sys
 from collections import Counter
 from typing import Any
@@ -12,6 +13,8 @@ from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.contracts.faults import UNVERIFIED
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import coverage_of, predictions_of
+
+_AMOUNT = re.compile(r" by [\d.]+ ms$")
 
 
 def show_run(run: Run, as_json: bool) -> None:
@@ -52,9 +55,9 @@ def _status(run: Run) -> list[str]:
         lines.append(f"found: {_count(detections, 'detection')}, {_count(num_ids, 'track')}")
     predictions = predictions_of(run)
     lines += [] if predictions is None else [f"predicted: {predictions}"]
-    # Without numbers: 'late by 12.3 ms' is 'late'.
+    # Without numbers: 'late by 12.3 ms' is 'late', 'off by 60.0 ms' is 'off'.
     reasons = ((sensor, why) for frame in run.frames for sensor, why in frame.missing.items())
-    missing = Counter(f"{sensor} ({'late' if why.startswith('late by') else why})" for sensor, why in reasons)
+    missing = Counter(f"{sensor} ({_AMOUNT.sub('', why)})" for sensor, why in reasons)
     lines += [f"missing: {what} in {_count(num, 'frame')}" for what, num in sorted(missing.items())]
     counts = run.json("faults.json")
     for sensor, num in counts["late_messages"].items():

@@ -12,7 +12,7 @@ from fbench.metrics.runs.columns import View, of_steps
 from fbench.metrics.runs.combine import OF_TRACKS, RATES, RunTable
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import measure_classes, views
-from fbench.metrics.tracking.scores import TrackingCounts, tracking_counts
+from fbench.metrics.runs.tracking import measure_tracks
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.scores import Score, ScoreOptions
@@ -85,7 +85,7 @@ def intervals_of_run(
     tables = {
         f"{number:06d}": RunTable(
             measure_classes(found, shared.detections, detection_counts, DetectionCounts()),
-            measure_classes(tracked, shared.tracks, tracking_counts, TrackingCounts()),
+            measure_tracks(shared, tracked),
             found[0].key.matching, found[0].key.num_frames, int((cut.piece == number).sum()),
         )
         for number, (found, tracked) in enumerate(zip(detections, tracks, strict=True))

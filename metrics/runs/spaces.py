@@ -104,7 +104,8 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     reason, known = None if labeled.frames else "no truth", run.manifest.rig.cameras
     bent = [name for name in images.cameras if name in known and not_projectable(known[name]) is not None]
     if not images.cameras:
-        reason = "no cameras"
+        is_there = bool(run.manifest.rig.sensors("camera"))
+        reason = (reason or "no camera is calibrated") if is_there else "no cameras"
     elif options.regions and not derived:
         reason = "boxes of truth in images have no place in a region"
     elif bent and (derived or isinstance(table.boxes, Boxes3D)):

@@ -4,11 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fbench.metrics.core.slices import VEHICLE, ScoreCounts, by_seen
+from fbench.metrics.runs.columns import View
 from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
+
+NO_TRACKS = "the pipeline gave no tracks"
 
 
 class Tracking:
@@ -25,7 +28,8 @@ class Tracking:
 
     A pair of the previous scored frame that had truth and tracks stays while it is inside the threshold; the rest is
     matched for most pairs, then best total. Identities don't continue over segment borders, nor from one camera to
-    another. Without truth boxes, or where truth or tracks have no ids, what needs them is null.
+    another. Without truth boxes, or where truth or tracks have no ids, what needs them is null; all is where the
+    pipeline doesn't track.
     """
 
     def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
@@ -44,14 +48,28 @@ def tracking_entries(
     where = f"'{run.manifest.pipeline}' on log '{run.manifest.log.name}'"
     for view in spaces:
         require_unique_ids(view.sequence, where)
-    entries, native = measure_classes(spaces, run.tracks, tracking_counts, TrackingCounts()), spaces[0]
+    entries, native = measure_tracks(run, spaces), spaces[0]
     # Only what holds for whole tracks is a slice: what is seen, but not distances, which change along a track.
     parts = () if native.key.reason or options.seen else by_seen(native.sequence)
-    slices = (
+    slices = [
         ScoreCounts(replace(native.key, slice=part.name), tracking_counts(native.sequence, VEHICLE, native.match, part))
         for part in parts
-    )
-    return *entries, *slices
+    ]
+    return *entries, *_require_tracks(run, slices)
+
+
+def measure_tracks(run: Run, spaces: Sequence[View]) -> tuple[ScoreCounts[TrackingCounts], ...]:
+    """Measure all vehicles in each of these views of a run's tracks, then labels in the first."""
+    return _require_tracks(run, measure_classes(spaces, run.tracks, tracking_counts, TrackingCounts()))
+
+
+def _require_tracks(
+    run: Run, entries: Sequence[ScoreCounts[TrackingCounts]]
+) -> tuple[ScoreCounts[TrackingCounts], ...]:
+    """Leave entries of a pipeline that doesn't track without values. Their counts stay, for sums over several runs."""
+    if run.manifest.has_tracks:
+        return tuple(entries)
+    return tuple(replace(e, key=replace(e.key, reason=e.key.reason or NO_TRACKS)) for e in entries)
 
 
 def rows_of(entry: ScoreCounts[TrackingCounts]) -> list[Score]:

@@ -288,6 +288,9 @@ class PlainSensors:
             self.cameras.start(rig, log_info, settings)
         self._rig, self._ranges_m = rig, dict.fromkeys(rig.sensors("lidar"), (0.0, np.inf))
         self._stereo = StereoStage(rig, log_info.name, params.depth) if "stereo" in params.uses else None
+        pair = () if self._stereo is None else (self._stereo.pair.left, self._stereo.pair.right)
+        points = (name for kind in KINDS if kind in params.uses for name in rig.sensors(kind))
+        self.required = tuple(sorted({*self.cameras.used, *points, *pair}))  # Sensors that results rest on
 
     def view(self, frame: Frame, clock: StageClock) -> PlainObservations:
         """Return what is seen in one frame; what a missing sensor would have given isn't there."""

@@ -59,6 +59,10 @@ class Plain3D(TrackingPipeline[Boxes3D]):
         self.missing, self.weights = self._sensors.cameras.missing, self._sensors.cameras.identity
         super().start(rig, log_info)
 
+    def required_sensors(self) -> tuple[str, ...]:
+        """The sensors that the parameters name, but cameras without weights."""
+        return self._sensors.required
+
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         seen = self._sensors.view(frame, clock)
         find = self._early if self._params.strategy == "early" else self._late

@@ -34,6 +34,9 @@ def hello(rig: Rig, info: LogInfo) -> schema.Hello:
             sensor.camera.distortion_model = camera.distortion_model
             sensor.camera.distortion[:] = camera.distortion.tolist()
         sensors.append(sensor)
+    for name in sorted(rig.bare):  # whose place nobody knows
+        place = {"translation_m": [np.nan] * 3, "rotation_xyzw": [0.0, 0.0, 0.0, 1.0]}
+        sensors.append(schema.Sensor(name=name, kind=_KINDS["camera"], **place))
     metadata = dict(info.metadata)
     return schema.Hello(version=VERSION, log_name=info.name, log_id=info.log_id, metadata=metadata, sensors=sensors)
 
@@ -193,7 +196,9 @@ def to_output(output: schema.Output) -> Output:
         if stage.duration_ns > _MAX_STAGE_NS:
             raise DataError(f"stages: '{stage.name}' took {stage.duration_ns} ns, which can't be")
     stage_ns = {stage.name: stage.duration_ns for stage in output.stages}
-    return Output(detections, tracks, stage_ns, missing=dict(sorted(output.missing.items())))
+    found = output.in_2d if output.HasField("in_2d") else output.in_3d
+    given = tracks if found.HasField("tracks") else None
+    return Output(detections, given, stage_ns, missing=dict(sorted(output.missing.items())))
 
 
 def _read_boxes(name: str, output: schema.Output) -> Boxes:

@@ -11,7 +11,7 @@ from fbench.pipelines.tracking.trackers import B, Tracker, Tracker3D
 from fbench.replay.contracts.params import StageClock, require_between
 from fbench.replay.data.boxes import Boxes
 from fbench.replay.data.frames import Fault, Frame, Output
-from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.data.rig import Kind, LogInfo, Rig
 
 NOTHING: Mapping[str, str] = MappingProxyType({})  # No sensor is missing
 
@@ -77,6 +77,8 @@ class TrackingPipeline(ABC, Generic[B]):
     detect. Trackers in space track in world coordinates where the log has poses.
     """
 
+    is_tracker = True
+    kinds: tuple[Kind, ...] = ()  # Of the sensors that it uses
     missing: Mapping[str, str] = NOTHING  # Sensors that can't be used in any frame, with the reason
     weights: Mapping[str, object] = NOTHING  # See `identity`
 
@@ -90,6 +92,10 @@ class TrackingPipeline(ABC, Generic[B]):
         """
         self._rig = rig
         self.reset("start")
+
+    def required_sensors(self) -> tuple[str, ...]:
+        """All sensors of the kinds that it uses, but cameras that have no weights."""
+        return tuple(name for name in self._rig.sensors(*self.kinds) if name not in self.missing)
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""

@@ -36,6 +36,8 @@ class Camera2DParams(CheckedParams):
 class Camera2D(TrackingPipeline[Boxes2D]):
     """Boxes in the images of all cameras, from the images alone."""
 
+    kinds = ("camera",)
+
     def __init__(self, params: Camera2DParams) -> None:
         super().__init__(Tracker2D(params.tracking), params.detect_every)
         self._params, self._cameras = params, CameraStage(params.camera)

@@ -55,6 +55,8 @@ class AllSensorsParams(CheckedParams):
 class FusionPipeline(TrackingPipeline[B]):
     """Cameras and two other kinds of sensors, whose branches run in parallel."""
 
+    kinds = ("camera", "lidar", "radar")
+
     def __init__(self, params: AllSensorsParams, camera_share: float, tracker: Tracker[B, Any]) -> None:
         super().__init__(tracker, params.detect_every)
         self._cameras, self._branches = CameraStage(params.camera, camera_share), Branches()
@@ -176,6 +178,10 @@ class Early3D(FusionPipeline[Boxes3D]):
         self._radar = RadarStage(rig, log_info, params.radar, settings)
         self._remember(self._depth)
         super().start(rig, log_info)
+
+    def required_sensors(self) -> tuple[str, ...]:
+        """Those that it uses, and the cameras of a stereo pair, also without weights."""
+        return tuple(sorted({*super().required_sensors(), *self._depth.pair}))
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         of_images, of_pairs = list[Fault](), list[Fault]()

@@ -51,6 +51,8 @@ class Lidar3DParams(LidarAloneParams):
 class Lidar2D(TrackingPipeline[Boxes2D]):
     """Boxes in the images of all cameras from all LiDARs; images aren't decoded. They have no class."""
 
+    kinds = ("lidar",)
+
     def __init__(self, params: Lidar2DParams = Lidar2DParams()) -> None:
         super().__init__(Tracker2D(params.tracking), params.detect_every)
         self._params = params
@@ -70,6 +72,8 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
 
 class Lidar3D(TrackingPipeline[Boxes3D]):
     """Boxes in 3D from all LiDARs, merged in body coordinates, without velocity; labeled where the model classifies."""
+
+    kinds = ("lidar",)
 
     def __init__(self, params: Lidar3DParams = Lidar3DParams()) -> None:
         super().__init__(Tracker3D(params.tracking), params.detect_every)

@@ -51,6 +51,8 @@ class Radar3DParams(RadarAloneParams):
 class Radar2D(TrackingPipeline[Boxes2D]):
     """Boxes without class, with range rate, in the images of all cameras from all radars; images aren't decoded."""
 
+    kinds = ("radar",)
+
     def __init__(self, params: Radar2DParams = Radar2DParams()) -> None:
         super().__init__(Tracker2D(params.tracking), params.detect_every)
         self._params = params
@@ -69,6 +71,8 @@ class Radar2D(TrackingPipeline[Boxes2D]):
 
 class Radar3D(TrackingPipeline[Boxes3D]):
     """Boxes in 3D from all radars, with the velocity along the line of sight. They have no class."""
+
+    kinds = ("radar",)
 
     def __init__(self, params: Radar3DParams = Radar3DParams()) -> None:
         super().__init__(Tracker3D(params.tracking), params.detect_every)

@@ -51,6 +51,7 @@ class Track(RecordedBoxes):
     """Tracks recorded detections, in 3D where there are any, else in images. Ids that they had are left aside."""
 
     name = "track"
+    is_tracker = True
 
     def __init__(self, params: TrackParams = TrackParams()) -> None:
         super().__init__(params)

@@ -39,6 +39,10 @@ class Stereo3D(TrackingPipeline[Boxes3D]):
         self._stereo = StereoStage(rig, log_info.name, self._params.stereo)
         super().start(rig, log_info)
 
+    def required_sensors(self) -> tuple[str, ...]:
+        """The cameras of the pair."""
+        return self._stereo.pair.left, self._stereo.pair.right
+
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         faults, pair = list[Fault](), self._stereo.pair
         view = self._stereo.view(frame, clock, faults)

@@ -57,6 +57,8 @@ RULES: Mapping[str, Rule] = {
     "TIM012": Rule("warning", "give --offset SENSOR=MS",
                    "with other stamps, a sensor's points would fit the truth boxes clearly better"),
     "TIM013": Rule("warning", "let the driver write times as ns after the stamp; the points count as measured at once"),
+    "FRM001": Rule("error", "look at its clock, rate and latency; a replay that needs it ends with 4",
+                   "hardly any frame has a sensor; only information if the pipeline doesn't use it"),
     "GT001": Rule("info", "nothing, if no scores are needed", "no ground truth"),
     "GT003": Rule("error", "give every object of a frame its own id", "two boxes of one frame have the same id"),
     "GT004": Rule("error", "repair or remove these boxes", "a box isn't finite or has no size"),

@@ -9,7 +9,7 @@ from fbench.replay.check.times import StreamStats, Times, stream_stats, time_fin
 from fbench.replay.check.trial import FrameCheck, FrameStats, Trial
 from fbench.replay.check.truth import TruthCheck, TruthClock
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.contracts.faults import FAULTS, FaultLog
+from fbench.replay.contracts.faults import FAULTS, UNVERIFIED, FaultLog
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.images import LAYOUTS, decode, read_size
@@ -155,10 +155,12 @@ class _Check:
         lines = {name: timeline(times, sync.max_jump_ns) for name, times in self._times.items()}
         stats = {name: stream_stats(name, self._kinds.get(name, ""), line, sync.max_gap_ns)
                  for name, line in lines.items()}  # fmt: skip
-        found = [finding("CAL001", sensor, why) for sensor, why in sorted(self._known.problems.items())]
-        for code, num in sorted(self._faults.counts.items()):
-            places = self._faults.places.get(code, [])
-            found.append(finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else ""))
+        goes_on = self._trial is not None and self._trial.has_started  # with what cameras lack
+        found = [
+            finding("CAL001", name, why, severity="info" if goes_on and self._known.kinds[name] == "camera" else None)
+            for name, why in sorted(self._known.problems.items())
+        ]
+        found += self._fault_findings()
         no_message = "the rig has it, but the log has no message of it"
         severity: Severity | None = "info" if self._reference == BOXES else None
         silent = [name for name, s in stats.items() if not s.num_messages]
@@ -172,9 +174,10 @@ class _Check:
         if self._frames is not None:
             found += self._truth.findings(*self._frames.stamps)
             num_labeled = int(self._truth.find_labeled(*self._frames.stamps).sum())
-        frames = None if self._frames is None else self._frames.stats
+        frames, short = None if self._frames is None else self._frames.stats, self._find_short()
+        found += short
         if self._trial is not None:
-            found += self._trial.findings(frames, sync)
+            found += self._trial.findings(frames, sync, {one.source for one in short})
         ignored = set(self._options.ignored)
         if reader.info.metadata.get(GAPS) == MEANT:
             ignored.add("TIM007")
@@ -184,3 +187,28 @@ class _Check:
             tuple(stats.values()), topics_of(reader), frames, self._truth.num_messages, num_labeled,
             tuple(sorted(found, key=lambda f: (SEVERITIES.index(f.severity), f.code, f.source, f.text))),
         )  # fmt: skip
+
+    def _fault_findings(self) -> Iterator[Finding]:
+        """Report what was counted while the log was read. What its format can't have is no fault of the log."""
+        for code, num in sorted(self._faults.counts.items()):
+            places, text = self._faults.places.get(code, []), f"{FAULTS[code].text}: {num}"
+            first = places[0] if places else ""
+            if code == UNVERIFIED and not self._reader.container.keeps_checksums:
+                text = "the format has no checksums, so damage could go unnoticed"
+                yield finding(code, "", text, num, first, "info", "nothing; fbench log convert writes a log with them")
+            else:
+                yield finding(code, "", text, num, first)
+
+    def _find_short(self) -> list[Finding]:
+        """Report the sensors that came, but are in hardly any frame: all, or those that the pipeline needs."""
+        if self._frames is None:
+            return []
+        required = None if self._trial is None else self._trial.required
+        found = self._frames.shortages(self._known.kinds)
+        return [
+            finding(
+                "FRM001", one.sensor, one.text,
+                severity="info" if required is not None and one.sensor not in required else None, advice=one.advice,
+            )
+            for one in found
+        ]  # fmt: skip

@@ -2,19 +2,22 @@
 
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from fbench.replay.check.findings import Finding, Severity, finding
 from fbench.replay.check.times import quantile
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, LogError, one_line
-from fbench.replay.contracts.protocols import Pipeline
+from fbench.replay.contracts.plugins import guard
+from fbench.replay.contracts.protocols import NeedsSensors, Pipeline
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Message, Tick
 from fbench.replay.data.rig import RigChange
+from fbench.replay.engine.absence import Absence, Absences, Shortage, find_shortage
 from fbench.replay.engine.cleaning import Skipped
 from fbench.replay.engine.frame_buffer import FrameBuffer, SyncParams
 from fbench.replay.logs.reader import LogReader
@@ -26,9 +29,12 @@ class SensorFrames:
     """How one sensor takes part in the frames of a log."""
 
     sensor: str
+    num_messages: int
     num_missing: int
-    """Frames without it; `num_late` of them because it came after the time-out, `num_skipped` since it was unusable."""
+    """Frames without it: because it came after the time-out, too early, with stamps too far away, or was unusable."""
     num_late: int
+    num_early: int
+    num_off: int
     num_skipped: int
     late_median_ms: float | None
     late_max_ms: float | None
@@ -56,7 +62,7 @@ class Trial:
         self._name, self._pipeline = name, pipeline
         self._problems: list[Finding] = []
         self._used: dict[str, bool] = {}  # Whether each sensor made a difference
-        self._num_tried, self._is_ready = 0, False
+        self._num_tried, self._is_ready, self.has_started = 0, False, False
         self._reserve: Frame | None = None
         try:
             rig = reader.rig.without(left_out)
@@ -65,7 +71,7 @@ class Trial:
             return
         try:
             pipeline.start(rig, reader.info)
-            self._is_ready = True
+            self._is_ready = self.has_started = True
         except LogError as error:
             self._problems.append(finding("CHK008", "", f"{name} can't start: {error}"))
         except (ConfigError, *INTERRUPTS):
@@ -111,14 +117,28 @@ class Trial:
             self._problems.append(finding("CHK009", sensor, f"{self._name} can't use it: {why}", advice=advice))
         return digest([output.detections, output.tracks])
 
-    def findings(self, stats: FrameStats | None, sync: SyncParams) -> Iterator[Finding]:
-        """What went wrong, and what the pipeline would miss, sensor by sensor; one that couldn't be tried counts."""
+    @property
+    def required(self) -> frozenset[str] | None:
+        """Sensors that the pipeline can't do without; `None` where it doesn't say, or couldn't start."""
+        if not (self._is_ready and isinstance(self._pipeline, NeedsSensors)):
+            return None
+        with guard(f"{self._name} can't say which sensors it needs"):
+            return frozenset(self._pipeline.required_sensors())
+
+    def findings(self, stats: FrameStats | None, sync: SyncParams, short: Collection[str]) -> Iterator[Finding]:
+        """What went wrong, and what the pipeline would miss, sensor by sensor; one that couldn't be tried counts. Those
+        of which it is known that they come `short` are left out.
+        """
         yield from self._problems
         if stats is None:
             return
         for s in stats.sensors:
-            never, advice = s.num_missing - s.num_late - s.num_skipped, None
-            parts = [f"{never} never came"] if never > 0 else []
+            if s.sensor in short:
+                continue
+            never, advice = s.num_missing - s.num_late - s.num_early - s.num_off - s.num_skipped, None
+            parts = [f"{s.num_early} too early"] if s.num_early else []
+            parts += [f"{s.num_off} with stamps too far away"] if s.num_off else []
+            parts += [f"{never} never came"] if never > 0 else []
             parts += [f"{s.num_skipped} unusable"] if s.num_skipped else []
             if s.late_max_ms is not None:
                 parts.insert(0, f"{s.num_late} late by {s.late_median_ms:.1f} ms (median) to {s.late_max_ms:.1f} ms")
@@ -138,9 +158,10 @@ class FrameCheck:
     """Puts messages into frames as a replay does, counts, and offers frames to a trial."""
 
     def __init__(self, expected: Sequence[str], reference: str, params: SyncParams, trial: Trial | None) -> None:
-        self._buffer = FrameBuffer(expected, reference, params)
+        self._buffer, self._params = FrameBuffer(expected, reference, params), params
         self._expected, self._reference, self._trial = tuple(sorted(expected)), reference, trial
-        self._missing, self._skipped = Counter[str](), Counter[str]()
+        self._lacking = {name: (array("q"), array("q")) for name in self._expected}  # Index and stamp of frames
+        self._skipped = Counter[str]()
         self._stamps, self._numbers = array("q"), array("q")
         self._num_complete = 0
 
@@ -173,20 +194,46 @@ class FrameCheck:
         """Stamps, as recorded, and numbers (-1: none) of all frames."""
         return np.array(self._stamps, np.int64), np.array(self._numbers, np.int64)
 
+    @cached_property
+    def _absences(self) -> dict[str, list[Absence]]:
+        """Why frames lack each sensor; those of skipped messages, which came, aren't among them."""
+        finder, found = Absences(self._buffer, self._params), dict[str, list[Absence]]()
+        for name, (indices, stamps) in self._lacking.items():
+            own = [finder.find(name, index, stamp) for index, stamp in zip(indices, stamps, strict=True)]
+            never = [absence for absence in own if absence.kind == "never"]
+            found[name] = [absence for absence in own if absence.kind != "never"] + never[self._skipped[name] :]
+        return found
+
     @property
     def stats(self) -> FrameStats:
         """What was counted."""
         counts, rows = self._buffer.counts, []
         for name in self._expected:
-            late = np.array([round(ms * 1e6) for (_, s), ms in counts.late_ms.items() if s == name], np.int64)
+            absences = self._absences[name]
+            kinds = Counter(absence.kind for absence in absences)
+            late = np.array([absence.ns for absence in absences if absence.kind == "late"], np.int64)
             median, longest = (None if (ns := quantile(late, q)) is None else ns / 1e6 for q in (0.5, 1.0))
-            num, skipped = self._missing[name], min(self._skipped[name], self._missing[name])
-            rows.append(SensorFrames(name, num, len(late), skipped, median, longest, counts.unused[name]))
+            num = len(self._lacking[name][0])
+            row = (name, counts.arrivals[name].num, num, kinds["late"], kinds["early"], kinds["off"])
+            rows.append(SensorFrames(*row, num - len(absences), median, longest, counts.unused[name]))
         return FrameStats(len(self._stamps), self._num_complete, tuple(rows), tuple(self._buffer.breaks))
+
+    def shortages(self, sensors: Collection[str]) -> list[Shortage]:
+        """Find which of these sensors came, but are in hardly any frame."""
+        num, found = len(self._stamps), []
+        for name in sorted(set(sensors) & set(self._expected)) if num else ():
+            absences, arrivals = self._absences[name], self._buffer.counts.arrivals[name]
+            num_skipped = len(self._lacking[name][0]) - len(absences)
+            shortage = find_shortage(name, num, absences, num_skipped, arrivals, self._params)
+            found += [] if shortage is None or shortage.is_silent else [shortage]
+        return found
 
     def _count(self, frames: Iterator[Frame]) -> None:
         for frame in frames:
-            self._missing.update(list(frame.missing))
+            for sensor in frame.missing:
+                indices, stamps = self._lacking[sensor]
+                indices.append(frame.index)
+                stamps.append(frame.stamp_ns)
             self._num_complete += not frame.missing
             if self._trial is not None:
                 self._trial.offer(frame)

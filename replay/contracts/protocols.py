@@ -1,6 +1,6 @@
 """Protocols that plug-ins implement. Built-ins come in by the same entry-point groups."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -150,6 +150,23 @@ class TakesArgument(Protocol):
 
     argument: ClassVar[str]
     """Name of that parameter."""
+
+
+@runtime_checkable
+class NeedsSensors(Protocol):
+    """A pipeline that says which sensors its results rest on: where hardly any frame has one of them, data was lost."""
+
+    def required_sensors(self) -> Collection[str]:
+        """Names of sensors of the rig that it was started with; asked when it has been started."""
+
+
+@runtime_checkable
+class Tracks(Protocol):
+    """A pipeline that says whether it tracks. Of another one the outputs tell: see `Output.tracks`."""
+
+    @property
+    def is_tracker(self) -> bool:
+        """Whether it tracks, also where it has followed nothing."""
 
 
 @runtime_checkable

@@ -17,6 +17,7 @@ Bool = NDArray[np.bool_]
 Text = NDArray[np.str_]
 
 Shape = tuple[int | str, ...]
+DIGESTED = "digested"  # Key of a field's metadata: `False` where other fields determine it, so that no digest needs it
 MAX_TEXT = 1000  # Characters of a text in an array, where each takes the room of the longest
 
 

@@ -39,7 +39,8 @@ class Output:
     """What a pipeline makes of one frame: boxes in body coordinates (3D) or in images (2D)."""
 
     detections: Boxes
-    tracks: Boxes
+    tracks: Boxes | None
+    """`None`: the pipeline doesn't track; empty: it does, and follows nothing."""
     stage_ns: Mapping[str, int]
     """Time of each stage [ns], in the order in which they ran."""
     faults: tuple[Fault, ...] = ()
@@ -53,5 +54,5 @@ class Output:
 
     def __post_init__(self) -> None:
         kind, other = type(self.detections), type(self.tracks)
-        if kind is not other:
+        if self.tracks is not None and kind is not other:
             raise DataError(f"Output.tracks: expected {kind.__name__}, got {other.__name__}")

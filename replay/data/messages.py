@@ -8,7 +8,7 @@ Lengths m, angles rad, image px with pixel centers at integers.
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from fbench.replay.data.arrays import Array, Float32, Float64, freeze_fields
+from fbench.replay.data.arrays import DIGESTED, Array, Float32, Float64, freeze_fields
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.video import VideoPicture
 from fbench.replay.geometry.transforms import pose_matrix
@@ -31,7 +31,7 @@ class Image:
     """Width and height [px]."""
     frame_number: int | None = None
     """Number of the frame that the recorder gave to all messages of one instant, where it did."""
-    video: VideoPicture | None = field(default=None, repr=False, metadata={"is_derived": True})
+    video: VideoPicture | None = field(default=None, repr=False, metadata={DIGESTED: False})
     """How the picture of a video is decoded, which takes more than its own data."""
 
 

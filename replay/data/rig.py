@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
-from fbench.replay.data.arrays import Float64, freeze_fields
+from fbench.replay.data.arrays import DIGESTED, Float64, freeze_fields
 from fbench.replay.data.metadata import Region, regions_of
 from fbench.replay.geometry.transforms import pose_matrix
 
@@ -63,11 +63,15 @@ class Rig:
 
     mounts: Mapping[str, Mount]
     cameras: Mapping[str, CameraModel]
+    """Those whose intrinsics are known; of others only the images can be used."""
+    bare: frozenset[str] = field(default=frozenset(), metadata={DIGESTED: False})
+    """Cameras that have no mount, since nothing says where they are: only their images can be used."""
 
     @property
     def kinds(self) -> dict[str, Kind]:
         """Kind of each sensor by its name."""
-        return {name: mount.kind for name, mount in self.mounts.items()}
+        bare: dict[str, Kind] = dict.fromkeys(sorted(self.bare), "camera")
+        return {**{name: mount.kind for name, mount in self.mounts.items()}, **bare}
 
     def body_T_sensor(self, sensor: str) -> Float64:
         """Matrix (4, 4) that moves points from the sensor's to body coordinates."""
@@ -76,13 +80,14 @@ class Rig:
 
     def sensors(self, *kinds: Kind) -> tuple[str, ...]:
         """Names of all sensors of these kinds, sorted."""
-        return tuple(sorted(name for name, mount in self.mounts.items() if mount.kind in kinds))
+        return tuple(sorted(name for name, kind in self.kinds.items() if kind in kinds))
 
     def without(self, sensors: Collection[str]) -> "Rig":
         """Return the rig without some of its sensors."""
         return Rig(
             {name: mount for name, mount in self.mounts.items() if name not in sensors},
             {name: camera for name, camera in self.cameras.items() if name not in sensors},
+            self.bare - frozenset(sensors),
         )
 
     def list_changes(self, old: "Rig") -> tuple[str, ...]:

@@ -6,6 +6,7 @@ or partial when the time-out has passed (thesis, Synchronization). It is counted
 reference's message; in logs with frame numbers, from the first message of the frame.
 """
 
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -131,6 +132,23 @@ class _Periods:
 
 
 @dataclass
+class Arrivals:
+    """The messages of one sensor that came: how many and when; of those in no frame each one."""
+
+    num: int = 0
+    first_ns: int = 0  # Smallest stamp and largest
+    last_ns: int = 0
+    unused_stamp_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    unused_log_ns: "array[int]" = field(default_factory=lambda: array("q"))
+
+    def note(self, stamp_ns: int) -> None:
+        """Count a message."""
+        self.first_ns = min(self.first_ns, stamp_ns) if self.num else stamp_ns
+        self.last_ns = max(self.last_ns, stamp_ns) if self.num else stamp_ns
+        self.num += 1
+
+
+@dataclass
 class SyncCounts:
     """What became of the messages that are in no frame, and what was late."""
 
@@ -138,6 +156,14 @@ class SyncCounts:
     """How much too late a message came for a frame that lacks it, by frame index and sensor."""
     unused: dict[str, int]  # Messages that no frame needed, by sensor
     disordered: int  # Messages of the reference sensor that opened no frame, since a later one had come before them
+    arrivals: dict[str, Arrivals]  # Of all expected sensors
+
+    def leave_out(self, message: Message) -> None:
+        """Count a message that is in no frame, and no frame waits for."""
+        own = self.arrivals[message.sensor]
+        self.unused[message.sensor] += 1
+        own.unused_stamp_ns.append(message.stamp_ns)
+        own.unused_log_ns.append(message.log_ns)
 
     @property
     def late(self) -> dict[str, int]:
@@ -159,7 +185,10 @@ class FrameBuffer:
         self.breaks: list[str] = []  # Why each segment after the first begins
         self._last_stamp_ns: int | None = None
         self._periods = _Periods()
-        self.counts = SyncCounts({}, dict.fromkeys(self._expected, 0), 0)  # What was late or unused so far
+        self.counts = SyncCounts(
+            {}, dict.fromkeys(self._expected, 0), 0, {name: Arrivals() for name in self._expected}
+        )  # What was late or unused so far
+        self.opened_ns = array("q")  # Log time at which each frame opened, by its index
         self._is_numbered = False  # Whether frames have numbers, all of them or some
 
     def open_frame(self, message: Message | Tick) -> Iterator[Frame]:
@@ -181,6 +210,7 @@ class FrameBuffer:
         self._is_numbered = self._is_numbered or message.frame_number is not None
         frame = _Open(self.num_frames, stamp, self.segment, message.frame_number, message.log_ns)
         self.num_frames += 1
+        self.opened_ns.append(message.log_ns)
         self._open.append(frame)
         # The frame gets the messages that came before it; those that no later frame can want are dropped.
         waiting, self._pending = self._pending, []
@@ -190,7 +220,7 @@ class FrameBuffer:
             elif early.stamp_ns > stamp or (early.frame_number is not None and frame.number is None):
                 self._pending.append(early)
             else:
-                self.counts.unused[early.sensor] += 1
+                self.counts.leave_out(early)
 
     def break_off(self, why: str) -> Iterator[Frame]:
         """Release all frames and begin a new segment with the next one, where there were frames already."""
@@ -205,6 +235,7 @@ class FrameBuffer:
         if message.sensor not in self.counts.unused:
             return
         yield from self.advance(message.log_ns)
+        self.counts.arrivals[message.sensor].note(message.stamp_ns)
         if message.sensor != self._reference:
             self._periods.note(message.sensor, message.stamp_ns)
         near = [(d, f.index, f) for f in self._open if (d := self._distance_ns(message, f)) is not None]
@@ -213,7 +244,7 @@ class FrameBuffer:
         elif not self._is_late(message):
             oldest = message.log_ns - self._params.max_gap_ns
             for old in [m for m in self._pending if m.log_ns < oldest]:
-                self.counts.unused[old.sensor] += 1
+                self.counts.leave_out(old)
             self._pending = [*(m for m in self._pending if m.log_ns >= oldest), message]
         yield from self.advance(message.log_ns)
 
@@ -229,7 +260,7 @@ class FrameBuffer:
         """Release all frames: the log ends."""
         yield from self._release_all()
         for message in self._pending:
-            self.counts.unused[message.sensor] += 1
+            self.counts.leave_out(message)
         self._pending = []
 
     def _release_all(self) -> Iterator[Frame]:
@@ -253,8 +284,9 @@ class FrameBuffer:
         """Take the message; of two of one sensor that with the frame's number stays, else the nearer or earlier one."""
         other = frame.messages.setdefault(message.sensor, message)
         if other is not message:
-            self.counts.unused[message.sensor] += 1
-            if frame.rank(message) < frame.rank(other):
+            is_better = frame.rank(message) < frame.rank(other)
+            self.counts.leave_out(other if is_better else message)
+            if is_better:
                 frame.messages[message.sensor] = message
 
     def _is_late(self, message: Message) -> bool:
@@ -265,7 +297,7 @@ class FrameBuffer:
                 if message.sensor in frame.absent and key not in self.counts.late_ms:
                     self.counts.late_ms[key] = max(0, message.log_ns - frame.deadline_ns) / 1e6
                 else:
-                    self.counts.unused[message.sensor] += 1
+                    self.counts.leave_out(message)
                 return True
         return False
 

@@ -13,9 +13,10 @@ import numpy as np
 from fbench.replay.contracts.errors import INTERRUPTS, LogError, MissingPackageError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guard
-from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
-from fbench.replay.data.boxes import finite
+from fbench.replay.contracts.protocols import NeedsSensors, Pipeline, Reader, TellsIdentity, Tracks
+from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import Frame, Output
+from fbench.replay.engine.absence import LEAST_FRAMES, Absence, Absences, Shortage, find_shortage, require_any
 from fbench.replay.engine.cleaning import OutputCheck
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
@@ -97,7 +98,10 @@ class _Loop:
         self._media = MediaKeeper(self._rig, 0 if plan.redact else plan.num_media)
         self._check = OutputCheck(self._rig)
         self._chain, self._failures = START, 0
+        self._num_detections = self._num_tracks = 0
+        self._says_tracks = False  # Whether the pipeline ever said what it tracks, if only that it is nothing
         self._segment: int | None = None
+        self._lacking: dict[str, list[int]] = {}  # Rows of the frames that lack a sensor, by sensor
         self._recursion_limit = sys.getrecursionlimit()
 
     def start(self) -> None:
@@ -123,7 +127,9 @@ class _Loop:
         output, failed = self._run_pipeline(frame)
         total_ns = time.perf_counter_ns() - start
         stamp, segment = frame.stamp_ns, frame.segment
-        results = None if output is None else (output.detections, output.tracks)
+        results = None if output is None else self._note_tracks(output)
+        for sensor in frame.missing:
+            self._lacking.setdefault(sensor, []).append(len(self._writer.records))
         missing = {**frame.missing, **({} if output is None else clean_mapping(output.missing))}
         frame_digest = digest([frame.index, stamp, segment, missing, failed, results])
         self._chain = link(self._chain, frame_digest)
@@ -140,6 +146,26 @@ class _Loop:
         else:
             self._writer.add_frame(record, {**stages, "total": sum(stages.values())} if stages else {}, "log")
         self._media.offer(frame)
+
+    def _note_tracks(self, output: Output) -> tuple[Boxes, Boxes]:
+        """Return detections and tracks, and remember whether there ever were any."""
+        detections, tracks = output.detections, output.tracks
+        self._num_detections += len(detections)
+        if tracks is None:
+            return detections, type(detections).empty()
+        self._num_tracks, self._says_tracks = self._num_tracks + len(tracks), True
+        return detections, tracks
+
+    def _has_tracks(self) -> bool:
+        """Tell whether the pipeline tracks. Where it doesn't say so itself, empty tracks beside detections mean that it
+        only detects: many programs fill in what they don't know so.
+        """
+        if self._num_tracks:
+            return True
+        with guard(f"pipeline '{self._plan.name}' can't say whether it tracks"):
+            if isinstance(self._plan.pipeline, Tracks):
+                return bool(self._plan.pipeline.is_tracker)
+        return self._says_tracks and not self._num_detections
 
     def _run_pipeline(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
@@ -187,7 +213,9 @@ class _Loop:
         counts = self.stream.buffer.counts
         if counts.disordered:
             self._faults.add("TIM001", self.stream.reference, counts.disordered)
+        self._absences = Absences(self.stream.buffer, self.stream.sync)
         self._writer.explain_missing(self._explain)
+        self._count_shortages()
         rows = self._faults.rows()
         if self._plan.redact:
             self._writer.explain_missing(redact_record)
@@ -200,16 +228,43 @@ class _Loop:
         """Say of each sensor that wasn't there in time whether it was skipped, came too late or never."""
         missing: dict[str, str] = {}
         for sensor, reason in record.missing.items():
-            late_ms = self.stream.buffer.counts.late_ms.get((record.index, sensor))
-            if late_ms is not None:
-                missing[sensor] = f"late by {late_ms:.1f} ms"
-            elif not reason.startswith(NOT_THERE):
+            is_late = (record.index, sensor) in self.stream.buffer.counts.late_ms
+            if not (is_late or reason.startswith(NOT_THERE)):
                 missing[sensor] = reason
-            elif skipped := self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number):
-                missing[sensor] = f"skipped: {skipped}"
-            else:  # what comes too late behind the end of an excerpt isn't read, so 'never' can't be said
-                missing[sensor] = reason if self.stream.is_cut else "never came"
+                continue
+            why = self._find_absence(sensor, record)
+            # What comes too late behind the end of an excerpt isn't read, so 'never' can't be said.
+            is_unknown = self.stream.is_cut and isinstance(why, Absence) and why.kind == "never"
+            missing[sensor] = reason if is_unknown else f"skipped: {why}" if isinstance(why, str) else str(why)
         return replace(record, missing=missing)
+
+    def _find_absence(self, sensor: str, record: FrameRecord) -> Absence | str:
+        """Say why a frame lacks a sensor; a text where its message was there, but couldn't be used."""
+        if (record.index, sensor) not in self.stream.buffer.counts.late_ms:
+            skipped = self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number)
+            if skipped is not None:
+                return skipped
+        return self._absences.find(sensor, record.index, record.stamp_ns)
+
+    def _count_shortages(self) -> None:
+        """Count the sensors that the pipeline needs and hardly any frame has as data that were lost."""
+        pipeline, records = self._plan.pipeline, self._writer.records
+        is_enough = self._plan.excerpt.is_whole or len(records) >= LEAST_FRAMES
+        if not isinstance(pipeline, NeedsSensors) or not is_enough:
+            return
+        arrivals = self.stream.buffer.counts.arrivals
+        with guard(f"pipeline '{self._plan.name}' can't say which sensors it needs"):
+            needed = sorted(set(pipeline.required_sensors()) & set(arrivals))
+        found: dict[str, Shortage] = {}
+        for name in needed:
+            reasons = [self._find_absence(name, records[row]) for row in self._lacking.get(name, [])]
+            absences = [reason for reason in reasons if isinstance(reason, Absence)]
+            num_skipped = len(reasons) - len(absences)
+            params = self.stream.sync
+            shortage = find_shortage(name, len(records), absences, num_skipped, arrivals[name], params)
+            found |= {} if shortage is None else {name: shortage}
+        for shortage in require_any(found, {name: self._rig.kinds.get(name, "") for name in needed}):
+            self._faults.add("FRM001", f"{shortage.sensor} {shortage.text}; {shortage.advice}")
 
     def manifest(self) -> manifest.Manifest:
         """Say what ran. Raises RunError where the pipeline's identity fails, or is what JSON can't hold."""
@@ -232,6 +287,7 @@ class _Loop:
             excerpt=str(plan.excerpt),
         )
         content = manifest.Manifest(
+            has_tracks=self._has_tracks(),
             complete=not plan.budget.find_exceeded(self._faults),
             log=manifest.LogEntry(name=info.name, log_id=info.log_id, digest=stream.digest.hex(), metadata=metadata),
             pipeline=plan.name,
@@ -243,6 +299,7 @@ class _Loop:
             interpolation=manifest.InterpolationEntry(max_gap_ns=plan.max_between_ns, num_frames=stream.num_between),
             mounts=first.mounts,
             cameras=first.cameras,
+            images=dict(sorted(self._media.sizes_wh.items())),
             rig_changes=changed,
             num_frames=len(records),
             num_segments=len({record.segment for record in records}),

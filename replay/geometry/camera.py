@@ -76,9 +76,13 @@ def not_projectable(camera: CameraModel) -> str | None:
 
 
 def require_projection(rig: Rig, name: str) -> None:
-    """Refuse a camera without projection. Raises LogError without intrinsics, or where distortion isn't modeled."""
+    """Refuse a camera without projection. Raises LogError without transform or intrinsics, or where distortion isn't
+    modeled.
+    """
+    if name in rig.bare:
+        raise LogError(f"camera '{name}' has no transform to the body; add it with --rig", "CAL001")
     if name not in rig.cameras:
-        raise LogError(f"camera '{name}' has no intrinsics", "CAL001")
+        raise LogError(f"camera '{name}' has no intrinsics; add them with --rig", "CAL001")
     why = not_projectable(rig.cameras[name])
     if why is not None:
         raise LogError(f"camera '{name}': {why}; rectify the images", "CAL001")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from fbench.replay.contracts.errors import LogError
@@ -81,4 +81,6 @@ class LogCalibration:
         rig = rename_sensors(rig, {role.frame_id: role.sensor for role in heard}) if self.setup.sensors else rig
         patch = find_sensors(self.setup.rig, self.roles)
         require_use(self.setup.rig, patch, self.roles, patch.tree(tree_of(rig), BODY))
-        return patch.on(rig, {role.sensor: KINDS[role.kind] for role in heard}).without(self.left_out)
+        rig = patch.on(rig, {role.sensor: KINDS[role.kind] for role in heard})
+        bare = frozenset(role.sensor for role in heard if role.kind == "camera") - frozenset(rig.mounts)
+        return replace(rig, bare=bare).without(self.left_out)

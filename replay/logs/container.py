@@ -129,6 +129,10 @@ class Container(Protocol):
         """What fbench wrote about the log; `None` in the logs of others."""
 
     @property
+    def keeps_checksums(self) -> bool:
+        """Whether the format has checksums, so that a log without them could have had some."""
+
+    @property
     def rigs(self) -> Sequence[tuple[int, Rig]]:
         """Rigs and the `log_ns` from which each holds, the first one first; empty where messages tell the rig."""
 

@@ -171,7 +171,7 @@ class CoordinateFrames:
 
     def camera(self, name: str) -> str | None:
         """Name of the camera that is called so, or has this coordinate frame or topic; `None` where none does."""
-        found = name if name in self.rig.mounts else self.sensors.get(name, "")
+        found = name if name in self.rig.kinds else self.sensors.get(name, "")
         return found if found in self.rig.sensors("camera") else None
 
     def only_camera(self) -> str | None:

@@ -6,6 +6,7 @@ from typing import TypeVar
 import numpy as np
 
 from fbench.replay.contracts.errors import DataError, DecodeError, LogError, PointsError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.classes import ClassMap
 from fbench.replay.data.messages import Image, Message, Pose, Truth
 from fbench.replay.logs.arrange import apply_setup
@@ -25,10 +26,13 @@ _MAX_STAMP_NS = 2**63 - 1
 
 
 class EventDecoder:
-    """Decodes the entries of one log; what can't be decoded is counted as a fault, once."""
+    """Decodes the entries of one log; what can't be decoded is counted as a fault, once: by the container, or in
+    `faults` where they are given.
+    """
 
-    def __init__(self, calibration: LogCalibration) -> None:
-        self._calibration, self._container = calibration, calibration.container
+    def __init__(self, calibration: LogCalibration, faults: FaultLog | None = None) -> None:
+        self._calibration = calibration
+        self._once = calibration.container.once if faults is None else faults.once
         self._roles, self._setup = calibration.roles, calibration.setup
 
     def message(
@@ -106,7 +110,7 @@ class EventDecoder:
 
         def count(name: str) -> None:
             if where:
-                self._container.once("GT007", (where, name), f"{where}: '{name}'")
+                self._once("GT007", (where, name), f"{where}: '{name}'")
 
         return ClassMap(self._setup.classes).label_truth(truth, count)
 
@@ -126,13 +130,13 @@ class EventDecoder:
         """Give what another program left without a stamp the time of its recording; counted once a topic."""
         if item.stamp_ns or not entry.log_ns or self._roles[entry.channel].is_own:
             return item
-        self._container.once("TIM011", (entry.topic,), f"{entry.topic} at {entry.log_ns}")
+        self._once("TIM011", (entry.topic,), f"{entry.topic} at {entry.log_ns}")
         return replace(item, stamp_ns=entry.log_ns)
 
     def _count(self, entry: Entry, error: Exception) -> None:
         code = "DEC003" if isinstance(error, PointsError) else "DEC001"
         where = f"{entry.topic} at {entry.publish_ns}: {error}"
-        self._container.once(code, (entry.part, entry.block, entry.offset), where)
+        self._once(code, (entry.part, entry.block, entry.offset), where)
 
 
 def _codec(role: Role) -> Codec:

@@ -42,6 +42,7 @@ class _Parts(StoredLog):
         self.channels: dict[int, Channel] = self._by_id([c.channels for c in containers])
         self.counts: dict[int, int] = self._by_id([c.counts for c in containers])
         self.header = next((c.header for c in containers if c.header is not None), None)
+        self.keeps_checksums = any(c.keeps_checksums for c in containers)
 
     def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
         """All messages of these channels, or those from a log time on, in canonical order."""

@@ -26,6 +26,9 @@ def partial_rig(reader: LogReader) -> PartialRig:
         rig = reader.rig
     except LogError as error:
         return _search_parts(reader, heard, _describe(reader, error))
+    uncalibrated = rig.bare | (frozenset(rig.sensors("camera")) - frozenset(rig.cameras))
+    if uncalibrated and not reader.container.rigs:
+        return _search_parts(reader, heard, "")
     kinds = dict(sorted({**rig.kinds, **heard}.items()))
     problems: dict[str, str] = {}
     for name, kind in kinds.items():
@@ -33,7 +36,7 @@ def partial_rig(reader: LogReader) -> PartialRig:
             problems[name] = f"sensor '{name}' has no transform to the body"
         elif kind == "camera" and name not in rig.cameras:
             problems[name] = f"camera '{name}' has no calibration"
-    return PartialRig(kinds, rig, problems)
+    return PartialRig(kinds, Rig(rig.mounts, rig.cameras), problems)
 
 
 def _search_parts(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> PartialRig:
@@ -47,7 +50,7 @@ def _search_parts(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> 
     problems: dict[str, str] = {}
     for name in kinds:
         try:
-            alone = replace(state, left_out=reader.left_out | (frozenset(kinds) - {name})).rig()
+            alone = replace(state, left_out=reader.left_out | (frozenset(kinds) - {name})).rig(is_strict=True)
         except LogError as error:
             problems[name] = _describe(reader, error)
             frames = [r.frame_id for _, r in sorted(state.roles.items()) if r.sensor == name and r.kind == "camera"]
@@ -57,7 +60,7 @@ def _search_parts(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> 
         else:
             mounts |= {name: alone.mounts[name]}
             cameras |= {name: alone.cameras[name]} if name in alone.cameras else {}
-    if not problems:  # each reaches a body, but not the same one
+    if reason and not problems:  # each reaches a body, but not the same one
         return PartialRig(kinds, Rig({}, cameras), dict.fromkeys(kinds, reason))
     return PartialRig(kinds, Rig(mounts, cameras), problems)
 

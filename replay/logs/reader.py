@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from hashlib import blake2b
+from itertools import islice
 from typing import TypeAlias
 
 import numpy as np
@@ -144,9 +145,11 @@ class LogReader:
         moving = {self._calibration.tf.name} if self._calibration.tf.channels else set()
         return tuple(sorted({role.sensor for role in self.roles.values() if role.kind == "pose"} | moving))
 
-    def messages(self) -> Iterator[Message | RigChange]:
-        """All measurements and poses in canonical order, and between them where the rig changes."""
-        events = self._events(self._channels(*MESSAGES) | self._calibration.tf.channels)
+    def messages(self, start_ns: int | None = None) -> Iterator[Message | RigChange]:
+        """All measurements and poses in canonical order, and between them where the rig changes; those from a log time
+        on, where one is given.
+        """
+        events = self._events(self._channels(*MESSAGES) | self._calibration.tf.channels, start_ns=start_ns)
         messages = (event for _, event in events if event is not None and not isinstance(event, TruthPart))
         return join_bursts(messages, frozenset(self.bursts))
 
@@ -163,11 +166,13 @@ class LogReader:
         """
         return self._events(frozenset(self.container.channels))
 
-    def _events(self, channels: frozenset[int], ticks: frozenset[int] = frozenset()) -> Iterator[tuple[Entry, Event]]:
+    def _events(
+        self, channels: frozenset[int], ticks: frozenset[int] = frozenset(), start_ns: int | None = None
+    ) -> Iterator[tuple[Entry, Event]]:
         """Yield entries with what each holds; changes of the rig come before messages and `ticks`."""
         changes, moving = self._calibration.changes(), self._calibration.tf.poses()
         assembly, videos = Assembly(), VideoStreams()
-        for entry in changes.follow(self.container.entries(channels | changes.channels)):
+        for entry in changes.follow(self.container.entries(channels | changes.channels, start_ns)):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
             is_message = kind in MESSAGES or entry.channel in self._calibration.tf.channels
             if is_message or entry.channel in ticks:
@@ -202,6 +207,17 @@ class LogReader:
             return self._read_boxes(self.setup.results)
         wanted = box_channels(self.roles, topic or next(iter(self.setup.result_topics), ""), self.container.path)
         return pair_parts(self._truth_parts(wanted))
+
+    def try_boxes(self, topic: str, num: int) -> str | None:
+        """Say why none of the first messages of a topic with boxes can be used; `None`: one can, or there is none."""
+        channels = frozenset(id_ for id_, role in self.roles.items() if role.topic == topic)
+        faults = FaultLog()
+        decoder = EventDecoder(self._calibration, faults)
+        for entry in islice(self.container.entries(channels), num):
+            if decoder.truth_part(entry) is not None:
+                return None
+        why = next((place for places in faults.places.values() for place in places), "")
+        return why.partition(": ")[2] or why or None
 
     def _truth_parts(self, channels: frozenset[int]) -> Iterator[TruthPart]:
         parts = (self._decoder.truth_part(entry) for entry in self.container.entries(channels))

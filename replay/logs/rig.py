@@ -70,10 +70,16 @@ class RigState:
         tables: dict[str, Any] = {name: copy(getattr(self, name)) for name in names}
         return replace(self, logged=TransformTree(dict(self.logged.edges)), **tables)
 
-    def rig(self) -> Rig:
-        """Return the rig. Raises LogError naming the sensor without transform, or the camera that isn't calibrated."""
+    def rig(self, is_strict: bool = False) -> Rig:
+        """Return the rig. Of cameras without transform or calibration only the images can be used, unless all must be
+        there: `is_strict`. Raises LogError naming the sensor without transform, or the camera that isn't calibrated.
+        """
         sensors, body = self._sensors(), self.body()
-        mounts = {name: self._mount(name, kind, frame, body) for name, (kind, frame) in sorted(sensors.items())}
+        placed = {name: self._mount(name, kind, frame, body) for name, (kind, frame) in sorted(sensors.items())}
+        mounts = {name: mount for name, mount in placed.items() if isinstance(mount, Mount)}
+        for name, place in placed.items():
+            if isinstance(place, LogError) and (is_strict or sensors[name][0] != "camera"):
+                raise place
         # Own logs may hold calibrations of cameras that have neither mount nor images.
         heard = sorted(self.roles.items())
         frames = {r.sensor: r.frame_id for _, r in heard if r.kind == "calibration" and r.frame_id}
@@ -81,16 +87,25 @@ class RigState:
         silent = {name: frame for name, (kind, frame) in sensors.items() if kind == "camera" and name not in frames}
         frames = {name: frame for name, frame in {**frames, **silent}.items() if name not in self.left_out}
         folders = {r.sensor: _folder(r.topic) for _, r in heard}
-        cameras = {name: self._camera(name, frame, folders.get(name, "")) for name, frame in sorted(frames.items())}
-        return Rig(mounts, cameras)
+        found = {name: self._camera(name, frame, folders.get(name, "")) for name, frame in sorted(frames.items())}
+        told = {r.sensor for _, r in heard if r.kind == "calibration" and r.is_own}  # what fbench wrote must be right
+        for name, camera in found.items():
+            if isinstance(camera, LogError) and (is_strict or name in told):
+                raise camera
+        bare = frozenset(placed) - frozenset(mounts)
+        cameras = {name: m for name, m in found.items() if isinstance(m, CameraModel) and name not in bare}
+        return Rig(mounts, cameras, bare)
 
     def body(self) -> str:
-        """Name of the coordinate frame of the body. Raises LogError where the sensors aren't linked."""
+        """Name of the coordinate frame of the body. Raises LogError where the sensors but cameras aren't linked."""
         if self.setup.body:
             return self.setup.body
         try:
             return self.tree.body(self.frames()) or self._logged_body()
         except DecodeError as error:
+            others = [frame for kind, frame in self._sensors().values() if kind != "camera"]
+            with suppress(DecodeError):
+                return self.tree.body(others) or self._logged_body()
             advice = "repair /tf_static, or leave sensors out with --topics '!NAME'"
             raise LogError(f"{self.container.path}: {error}; {advice}", "CAL001") from error
 
@@ -112,7 +127,8 @@ class RigState:
             name: (kind, own.get(name, frame)) for name, (kind, frame) in named.items() if name not in self.left_out
         }
 
-    def _mount(self, name: str, kind: Kind, frame: str, body: str) -> Mount:
+    def _mount(self, name: str, kind: Kind, frame: str, body: str) -> Mount | LogError:
+        """Where a sensor is, or what to raise where nothing says it. Raises LogError where its transforms are wrong."""
         where, leave_out = f"{self.container.path}: sensor '{name}'", _leave_out(name)
         try:
             is_body = bool(frame) and frame == self.setup.body  # the user says so, even without any transform
@@ -125,10 +141,11 @@ class RigState:
             moving = self.setup.rig.moving  # what a file with calibration says, where it can't tell the pose
             steps = [moving[step] for step in self.tree.trace(frame) if step in moving]
             why += f"; {steps[0]} has no fixed pose" if steps else ""
-            raise LogError(f"{where} has no transform to the body ({why}); add it, {leave_out}", "CAL001")
+            return LogError(f"{where} has no transform to the body ({why}); add it, {leave_out}", "CAL001")
         return Mount(kind, *pose)
 
-    def _camera(self, name: str, frame: str, folder: str) -> CameraModel:
+    def _camera(self, name: str, frame: str, folder: str) -> CameraModel | LogError:
+        """Intrinsics of a camera, or what to raise where it has none."""
         setup = self.setup.sensors.get(name)
         if setup is not None and setup.calibration:
             camera = self.by_topic.get(setup.calibration)
@@ -137,7 +154,7 @@ class RigState:
         camera = self.patch.cameras.get(name, camera)
         if camera is None:
             what = f"has no calibration (CameraCalibration or CameraInfo for '{frame}'); add it, {_leave_out(name)}"
-            raise LogError(f"{self.container.path}: camera '{name}' {what}", "CAL001")
+            return LogError(f"{self.container.path}: camera '{name}' {what}", "CAL001")
         return camera
 
 

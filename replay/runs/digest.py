@@ -10,7 +10,7 @@ from dataclasses import fields, is_dataclass
 import numpy as np
 import xxhash
 
-from fbench.replay.data.arrays import Array
+from fbench.replay.data.arrays import DIGESTED, Array
 
 _SIZE = 16
 _BULK = 4096  # From so many bytes on XXH3-128 is taken first
@@ -25,11 +25,11 @@ class Digest:
 
     def add(self, value: object) -> None:
         """Append a value: `None`, bool, int, float, str, bytes, array, dataclass, or mapping and sequence of these.
-        Raises TypeError for any other type.
+        Raises TypeError for any other type. Fields of dataclasses that others determine are left out.
         """
         if is_dataclass(value) and not isinstance(value, type):
             self._head("dataclass", type(value).__name__)
-            names = sorted(f.name for f in fields(value) if "is_derived" not in f.metadata)
+            names = sorted(f.name for f in fields(value) if f.metadata.get(DIGESTED, True))
             self.add({name: getattr(value, name) for name in names})
         elif isinstance(value, np.ndarray):
             self._add_array(value)

@@ -2,6 +2,7 @@
 
 import os
 import platform
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -122,6 +123,7 @@ class Manifest(_Strict):
 
     format: int = FORMAT
     complete: bool  # False where data was lost beyond the fault budget
+    has_tracks: bool = True  # False where the pipeline only detects, so that there is nothing to say of its tracks
     log: LogEntry
     pipeline: str
     parameters: dict[str, Any]
@@ -132,6 +134,7 @@ class Manifest(_Strict):
     interpolation: InterpolationEntry = InterpolationEntry()
     mounts: dict[str, MountEntry]
     cameras: dict[str, CameraEntry]
+    images: dict[str, tuple[int, int]] = {}  # Size [px] of the images of cameras that aren't calibrated
     rig_changes: list[RigEntry] = []  # Where mounts or cameras changed within the log
     num_frames: int
     num_segments: int
@@ -142,7 +145,8 @@ class Manifest(_Strict):
     @property
     def rig(self) -> Rig:
         """The rig of the first segment."""
-        return RigEntry(segment=0, mounts=self.mounts, cameras=self.cameras).rig
+        rig = RigEntry(segment=0, mounts=self.mounts, cameras=self.cameras).rig
+        return replace(rig, bare=frozenset(self.images) - frozenset(rig.mounts))
 
     def rig_of(self, segment: int) -> Rig:
         """The rig of a segment."""

@@ -55,9 +55,13 @@ class MediaKeeper:
     def __init__(self, rig: Rig, num: int = 8) -> None:
         self._rig, self._num, self._stride, self._num_offered = rig, num, 1, 0
         self._kept: list[MediaFrame] = []
+        self.sizes_wh: dict[str, tuple[int, int]] = {}  # Of the first image of each camera that isn't calibrated [px]
 
     def offer(self, frame: Frame) -> None:
         """Keep the frame if its turn has come."""
+        for name, message in frame.messages.items():
+            if isinstance(message, Image) and name not in self._rig.cameras:
+                self.sizes_wh.setdefault(name, message.size_wh)
         self._num_offered += 1
         if self._num == 0 or (self._num_offered - 1) % self._stride:
             return

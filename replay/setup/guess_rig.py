@@ -28,17 +28,33 @@ class Body:
     line: Line | None  # `None`: the log says so itself
     rig: Rig  # Of the sensors that have a place, and the cameras among them that are calibrated
     problems: Mapping[str, str]  # What the others lack, by name of the sensor
+    frames: Mapping[str, str]  # Coordinate frames of sensors whose messages name none
+
+    cameras: frozenset[str]  # Names of all cameras
+
+    @property
+    def left_out(self) -> Mapping[str, str]:
+        """Sensors that can't be used, and why. Where no camera is calibrated, their images can be used alone."""
+        if self.rig.cameras:
+            return self.problems
+        return {name: why for name, why in self.problems.items() if name not in self.cameras}
 
 
 def guess_body(log: Inspection, sensors: Sequence[Candidate], calibrations: Mapping[str, str]) -> Body:
     """Find the body and the rig; `calibrations` are the topics with the intrinsics of cameras, by sensor."""
     container = log.container
     line = None if all(s.is_own for s in sensors) else _guess_frame(container, log.roles, sensors)
-    said = {s.name: SensorSetup(s.sampled.topic, s.kind, calibration=calibrations.get(s.name, "")) for s in sensors}
-    body = "" if line is None else str(line.value)
+    body = str(line.value) if line is not None and line.is_active else ""
+    # One whose messages name no coordinate frame has that of the body, which then is called like the sensor.
+    frames = {s.name: body for s in sensors if s.name == body and not s.sampled.role.frame_id}
+    said = {
+        s.name: SensorSetup(s.sampled.topic, s.kind, frames.get(s.name, ""), calibrations.get(s.name, ""))
+        for s in sensors
+    }
     setup = Setup(sensors=said, body=body, source="fbench init", decoders=tuple(log.decoders))
     known = partial_rig(LogReader(container, (), setup, FaultLog()))
-    return Body(line, known.rig, known.problems)
+    cameras = frozenset(s.name for s in sensors if s.kind == "camera")
+    return Body(line, known.rig, known.problems, frames, cameras)
 
 
 def _guess_frame(container: Container, roles: Mapping[int, Role], sensors: Sequence[Candidate]) -> Line:
@@ -57,10 +73,13 @@ def _guess_frame(container: Container, roles: Mapping[int, Role], sensors: Seque
     if named is not None:
         return Line("frame", named, f"by its name; {num[named]} of {len(paths)} sensors are linked to it")
     if not any(len(path) > 1 for path in paths):
-        first = next((s for s in sensors if s.kind == "lidar"), sensors[0])
-        what = f"the log has no transforms, so that of sensor '{first.name}'"
-        what += "; the others need a calibration file" if len(sensors) > 1 else ""
-        return Line("frame", first.sampled.role.frame_id, what, is_guess=True)
+        measured = sorted((s for s in sensors if s.kind != "camera"), key=lambda s: s.kind)  # LiDARs before radars
+        if not measured:
+            return Line("frame", "base_link", "the log has no transforms, so images are used alone", is_active=False)
+        first = measured[0]
+        what = f"the log has no transforms: sensor '{first.name}' is assumed at the body's origin, x forward, z up"
+        what += "; the others need a calibration file" if len(measured) > 1 else ""
+        return Line("frame", first.sampled.role.frame_id or first.name, what, is_guess=True)
     places = [(num[name], path.index(name), name) for path in paths for name in path if name.strip("/") not in WORLDS]
     share, _, root = max(places, default=(0, 0, ""))
     return Line("frame", root, f"root of the tree; {share} of {len(paths)} sensors are linked to it", is_guess=True)

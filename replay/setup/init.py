@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fbench.replay.contracts.errors import LogError
@@ -41,15 +41,18 @@ def draft_of(log: Path, config: Path, faults: FaultLog, decoder: Sequence[str] =
             f"{log}: holds no camera, LiDAR or radar that fbench can read, only {others}; {advice}", "CHK007"
         )
     intrinsics = read_intrinsics(found.container, found.roles)
-    calibrations = {s.name: line for s in sensors if (line := calibration_line(s, intrinsics)) is not None}
+    cameras = [s for s in sensors if s.kind == "camera"]
+    calibrations = {s.name: line for s in cameras if (line := calibration_line(s, intrinsics)) is not None}
     topics = {name: str(line.value) for name, line in calibrations.items()}
     body = guess_body(found, sensors, topics)
-    placed = [s for s in sensors if s.name not in body.problems] or sensors
+    placed = [s for s in sensors if s.name not in body.left_out] or sensors
     header = found.container.header
     reference = guess_reference(placed, {} if header is None else header.metadata)
     clocks = guess_clocks(placed, str(reference.value))
     poses, pose_lines = guess_pose(found, body)
     boxes_beside, rigs_beside = find_neighbors(config, log)
+    if len(body.left_out) == len(sensors):
+        reference = replace(reference, is_active=False)
     notes = ("The log says where its sensors are.",) if body.line is None else ()
     body_lines = [*([] if body.line is None else [body.line]), *pose_lines]
     if rigs_beside:
@@ -108,6 +111,9 @@ def _sensor_tables(
         if is_placed_camera and abs(body.rig.body_T_sensor(name)[2, 2]) >= _UPRIGHT:
             why = "its z axis points up or down; that of an optical frame points forward"
             lines.append(Line("frame", topic.role.frame_id, why, is_guess=True))
+        if name in body.frames:
+            why = "its messages name no coordinate frame; it is assumed at the body's origin, x forward, z up"
+            lines.append(Line("frame", body.frames[name], why, is_guess=True))
         if name in calibrations:
             lines.append(calibrations[name])
         if name in clocks.offsets_ms:
@@ -117,7 +123,10 @@ def _sensor_tables(
         if s.kind == "radar" and (period := period_line(s)) is not None:
             lines.append(period)
         notes = [f"{name}: {clocks.notes[name]}"] if name in clocks.notes else []
-        problem = body.problems.get(name, "").partition("; add it")[0]
+        problem = body.left_out.get(name, "").partition("; add it")[0]
+        if name in body.problems and not problem:
+            why = body.problems[name].partition("; add it")[0]
+            notes.append(f"Its images are used alone, by camera2d: {why}. Calibrate it with [body] rig.")
         if problem:
             advice = "To use it, name a file with its calibration in [body] rig, and remove the '#'."
             notes = [f"Left out: {problem}.", advice]
@@ -164,6 +173,7 @@ def write_toml(draft: Draft) -> Written:
     if draft.left_out:
         rows += ["", "# Not used. To use one of these topics, add a table [sensors.NAME] as above:"]
         rows += [f"#   {_clip(item.topic)}: {_clip(item.why)}" for item in draft.left_out]
+    rows += ["", *(f"# {_clip(note)}" for note in draft.notes)] if draft.notes else []
     guesses = tuple(p for p in places if p.line.is_guess and p.line.is_active and p.table.is_active)
     if guesses:
         rows += ["", "# Check these lines and the pictures of 'fbench log preview':"]

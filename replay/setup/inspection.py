@@ -3,7 +3,7 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 
 import numpy as np
@@ -66,6 +66,33 @@ class Draft:
     tables: tuple[Table, ...]
     left_out: tuple[LeftOut, ...] = ()
     lines: tuple[Line, ...] = ()  # Above all tables
+    notes: tuple[str, ...] = ()  # Comments at its end
+
+    def table(self, path: tuple[str, ...]) -> Table:
+        """Return a table; an empty one where there is none."""
+        return next((table for table in self.tables if table.path == path), Table(path, ()))
+
+    def value(self, path: tuple[str, ...], key: str) -> Value | None:
+        """Return the value of a key; `None` where it isn't there, or only suggested."""
+        table = self.table(path)
+        lines = table.lines if table.is_active else ()
+        return next((line.value for line in lines if line.key == key and line.is_active), None)
+
+    def with_table(self, table: Table) -> "Draft":
+        """Return the draft with another table in the place of that with its path."""
+        return replace(self, tables=tuple(table if old.path == table.path else old for old in self.tables))
+
+    def with_line(self, path: tuple[str, ...], line: Line) -> "Draft":
+        """Return the draft with a line in the place of the active one with its key, else at the end of the table."""
+        table = self.table(path)
+        is_there = any(old.key == line.key and old.is_active for old in table.lines)
+        lines = tuple(line if old.key == line.key and old.is_active else old for old in table.lines)
+        return self.with_table(replace(table, lines=lines if is_there else (*lines, line)))
+
+    def without_table(self, path: tuple[str, ...], note: str) -> "Draft":
+        """Return the draft with a table as a comment, and a note above it."""
+        table = self.table(path)
+        return self.with_table(replace(table, is_active=False, notes=(note, *table.notes)))
 
 
 NUM_WINDOWS = 4

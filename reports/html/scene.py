@@ -128,7 +128,8 @@ def scenes(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
         rig, rows = run.manifest.rig, row_numbers(run)
         shown = [kept for kept in frames_to_show(run) if kept.index in rows]
         frames = [{"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)} for kept in shown]
-        cameras = {name: list(camera.size_wh) for name, camera in sorted(rig.cameras.items())}
+        sizes = {**run.manifest.images, **{name: camera.size_wh for name, camera in rig.cameras.items()}}
+        cameras = {name: list(size) for name, size in sorted(sizes.items())}
         content.append({"label": label, "timeline": timeline(run), "cameras": cameras, "frames": frames})
     return {"runs": content, "pictures": list(pictures), "clouds": list(clouds)}
 

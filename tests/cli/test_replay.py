@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.conftest import messages, rig, truths, write_log
+from tests.cli.conftest import MS, messages, rig, truths, write_log
 
 from fbench.replay.data.messages import Image, PointCloud
 from fbench.replay.data.rig import Rig
@@ -393,3 +393,21 @@ def test_debug_keeps_the_exit_code(tmp_path):
         assert result.returncode == code
         assert "Traceback" in result.stderr
         assert result.stderr.splitlines()[-1].startswith("fbench: ")
+
+
+def test_a_needed_sensor_in_hardly_any_frame_is_a_loss_that_a_check_says_first(fbench, tmp_path):
+    late = [replace(m, log_ns=m.log_ns + 400 * MS) if isinstance(m, PointCloud) else m for m in messages()]
+    log = write_log(tmp_path / "late.mcap", [*late, *truths()], metadata={"reference": "radar"})
+    said = fbench("log", "check", log)
+    line = "is in 0 of 6 frames, although 6 messages of it came: 6 frames were released 369.0 ms too soon for it"
+    assert said.code == 1
+    assert f"error FRM001 lidar: {line}\n    → --timeout-ms 399 would wait for all of them" in said.out
+    for pipeline in ("lidar3d", "early3d", "thesis/lidar3d"):
+        result = fbench("replay", log, "-p", pipeline, "-o", tmp_path / pipeline.replace("/", "-"))
+        assert result.code == 4, result.err
+        assert f"lidar {line}; --timeout-ms 399 would wait for all of them" in result.out
+        assert "missing: lidar (late) in 6 frames" in result.out
+    assert fbench("replay", log, "-p", "radar3d", "-o", tmp_path / "radar").code == 0
+    assert fbench("replay", log, "-p", "lidar3d", "-o", tmp_path / "waits", "--timeout-ms", "399").code == 0
+    allowed = fbench("replay", log, "-p", "lidar3d", "-o", tmp_path / "ok", "--fault-budget", "FRM001=1")
+    assert allowed.code == 0

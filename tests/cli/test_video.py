@@ -3,6 +3,7 @@
 import builtins
 import json
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -164,6 +165,13 @@ def test_info_init_check_and_preview(here, tmp_path):
     assert "but it is for" not in text
     assert here("log", "preview", "log.mcap", "--num", "2").code == 0
     assert list((tmp_path / "log-preview").glob("*cam*.png"))
+
+
+def test_init_keeps_a_camera_of_which_its_windows_hold_no_keyframe(here, tmp_path):
+    """Keyframes at 0, 20 and 40 s, of which the first is lost; init reads 6 s from the beginning and the middle."""
+    log = v.write_log(tmp_path / "rare.mcap", v.encode(num=420, key_every=200), left_out=range(3))
+    assert here("init", log.name).code == 0
+    assert tomllib.loads((tmp_path / "fbench.toml").read_text())["sensors"].keys() == {"cam_video", "lidar"}
 
 
 def test_checking_images_finds_what_headers_dont_tell(here, tmp_path):

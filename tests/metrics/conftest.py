@@ -123,7 +123,7 @@ def write_run(folder: Path, cases: Sequence[Case], rig: Rig = NO_CAMERA, **chang
 class MakeRun(Protocol):
     """Writes cases as a run in a new folder."""
 
-    def __call__(self, *cases: Case, rig: Rig = NO_CAMERA) -> Run: ...
+    def __call__(self, *cases: Case, rig: Rig = NO_CAMERA, **changes: Any) -> Run: ...
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def make_run(tmp_path: Path) -> MakeRun:
     """Write a run of some frames; each call makes a new folder."""
     count = iter(range(1000))
 
-    def make(*cases: Case, rig: Rig = NO_CAMERA) -> Run:
-        return write_run(tmp_path / f"run{next(count)}", cases, rig)
+    def make(*cases: Case, rig: Rig = NO_CAMERA, **changes: Any) -> Run:
+        return write_run(tmp_path / f"run{next(count)}", cases, rig, **changes)
 
     return make

@@ -1,6 +1,7 @@
 """CLEAR MOT of sequences whose counts can be told by hand."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from random import Random
 from typing import Any
 
@@ -10,6 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
 
+from fbench.metrics.core.bootstrap import Bootstrap
+from fbench.metrics.runs.combine import combine_runs, measure_run
+from fbench.metrics.runs.scoring import intervals_of_run
 from fbench.metrics.runs.tracking import Tracking
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.boxes import Boxes3D
@@ -291,3 +295,29 @@ def test_mota_adds_up(make_run: MakeRun, truth: Sequences, tracks: Sequences) ->
     if gt:
         assert values(run)["mota"] == pytest.approx(1 - (fn + fp + idsw) / gt)
         assert values(run)["mota_no_fp"] == pytest.approx(1 - (fn + idsw) / gt)
+
+
+def test_a_pipeline_without_tracks_has_no_scores_of_them(make_run: MakeRun) -> None:
+    cases = [Case(track(7), CAR, tracks=Boxes3D.empty())] * 3
+    none = make_run(*cases, has_tracks=False)
+    assert set(reasons(none).values()) == {"the pipeline gave no tracks"}
+    assert set(values(none).values()) == {None}
+    assert reasons(make_run(*cases))["mota"] is None
+    assert values(make_run(*cases))["mota"] == 0.0
+
+
+def test_a_run_without_tracks_counts_as_missed_beside_others(make_run: MakeRun) -> None:
+    cases = [Case(track(7), CAR)] * 3
+    runs = [measure_run(make_run(*cases, digest="a"), OPTIONS)]
+    runs.append(measure_run(make_run(*[replace(c, tracks=Boxes3D.empty()) for c in cases], has_tracks=False), OPTIONS))
+    mota = next(row for row in combine_runs(runs) if row.metric == "mota" and row.slice == "all")
+    assert (mota.value, mota.counts["gt"], mota.counts["fn"]) == (0.5, 6, 3)
+    alone = next(row for row in combine_runs(runs[1:]) if row.metric == "mota" and row.slice == "all")
+    assert (alone.value, alone.reason) == (None, "the pipeline gave no tracks")
+
+
+def test_no_tracks_have_no_intervals(make_run: MakeRun) -> None:
+    cases = [Case(track(7), CAR, tracks=Boxes3D.empty(), segment=i // 2) for i in range(20)]
+    run = make_run(*cases, has_tracks=False)
+    rows = intervals_of_run(run, OPTIONS, list(Tracking().scores(run, OPTIONS)), Bootstrap(0, 20))
+    assert all(row.value is None and row.low is None for row in rows)

@@ -209,6 +209,7 @@ struct Box2D {
 template <class Box>
 struct Results {
   std::vector<Box> detections, tracks;
+  bool is_tracked = true;  // false: you only detect, so that there are no scores of tracks
 };
 
 struct Stage {
@@ -559,7 +560,7 @@ inline std::string output_data(const Output& output) {
   const auto put = [&](const auto& results) {
     Writer inner;
     inner.bytes(1, boxes_data(results.detections));
-    inner.bytes(2, boxes_data(results.tracks));
+    if (results.is_tracked || !results.tracks.empty()) inner.bytes(2, boxes_data(results.tracks));
     w.bytes(output.boxes.index() == 0 ? 1 : 2, inner.data);
   };
   std::visit(put, output.boxes);

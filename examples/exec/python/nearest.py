@@ -27,7 +27,7 @@ class Nearest:
     def step(self, frame: schema.Frame) -> schema.Output:
         begin = time.perf_counter_ns()
         output = schema.Output()
-        output.in_3d.SetInParent()  # in 3D, also where nothing is found
+        output.in_3d.tracks.SetInParent()  # in 3D and tracked, also where nothing is found
         parts = [np.zeros((0, 3))]
         for message in frame.messages:
             if message.WhichOneof("content") == "points":

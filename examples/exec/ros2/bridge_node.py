@@ -92,7 +92,9 @@ class Bridge:
                 raise TimeoutError(f"no message with stamp {frame_ns} ns on {', '.join(wanted)}")
             topic, array = received
             if topic in wanted and conversions.stamp_ns(array.header.stamp) == frame_ns:  # else one of an older frame
-                conversions.fill_boxes(array, self._body, getattr(output.in_3d, wanted.pop(topic)))
+                boxes = getattr(output.in_3d, wanted.pop(topic))
+                boxes.SetInParent()  # there, also where it is empty: tracks that aren't mean that nothing tracks
+                conversions.fill_boxes(array, self._body, boxes)
         return output
 
 

@@ -88,6 +88,7 @@ class DepthStage:
     ) -> None:
         self._lidar = LidarStage(rig, log_info, params, settings)
         self._stereo, self._params = stereo, ObjectParams()
+        self.pair = () if stereo is None else (stereo.pair.left, stereo.pair.right)  # Cameras that give depth
         has_lidar = bool(rig.sensors("lidar"))
         own = viewpoint(rig, "lidar" if has_lidar else "radar")
         self.eye_m = np.asarray(own if has_lidar or stereo is None else stereo.eye_m, np.float64)

@@ -126,10 +126,12 @@ def projectable(pipeline: str, rig: Rig, log_info: LogInfo) -> tuple[str, ...]:
     names = rig.sensors("camera")
     if not names:
         raise LogError(f"log '{log_info.name}': {pipeline} works in images, and the rig has no camera", "CFG001")
+    absent = dict.fromkeys(rig.bare, "no transform places it on the body")
     why = {
-        name: not_projectable(rig.cameras[name]) if name in rig.cameras else "the log has no intrinsics of it"
+        name: not_projectable(rig.cameras[name]) if name in rig.cameras
+        else f"{absent.get(name, 'the log has no intrinsics of it')}; add it with --rig"
         for name in names
-    }
+    }  # fmt: skip
     good = tuple(name for name in names if why[name] is None)
     if not good:
         raise LogError(f"log '{log_info.name}': {pipeline} can't project into camera '{names[0]}': {why[names[0]]}",

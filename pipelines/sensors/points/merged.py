@@ -236,7 +236,7 @@ def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo,
         return
     words = {"lidar": "a LiDAR", "radar": "a radar", "camera": "a camera"}
     wanted = wanted or " or ".join(words[kind] for kind in kinds)
-    present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
+    present = ", ".join(f"{kind} {name}" for name, kind in sorted(rig.kinds.items())) or "no sensors"
     raise LogError(f"log '{log_info.name}': {pipeline} needs {wanted}; the log has: {present}", "CFG001")
 
 

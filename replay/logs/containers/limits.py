@@ -58,6 +58,7 @@ class StoredLog:
     """The part of `Container` that is alike in all that are stored as one file or folder; by itself, one of others."""
 
     header: LogHeader | None = None
+    keeps_checksums = True
     rigs: Sequence[tuple[int, Rig]] = ()  # Messages tell the rig
 
     def __init__(self, path: Path, faults: FaultLog) -> None:

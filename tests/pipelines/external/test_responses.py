@@ -114,3 +114,12 @@ def test_fields_of_later_versions_are_read_over():
     data = schema.Response(sequence=1, done=schema.Done()).SerializeToString()
     later = bytes([100 << 3 & 0x7F | 0x80, 100 << 3 >> 7, 5]) + data
     assert parse_response(later, 1).WhichOneof("kind") == "done"
+
+
+def test_tracks_that_are_not_set_are_none():
+    detections = schema.Boxes3D(center_m=[1, 2, 3], size_lwh_m=[4, 2, 1], yaw_rad=[0])
+    unset = to_output(schema.Output(in_3d=schema.Results3D(detections=detections)))
+    assert (len(unset.detections), unset.tracks) == (1, None)
+    empty = to_output(schema.Output(in_2d=schema.Results2D(tracks=schema.Boxes2D())))
+    assert isinstance(empty.tracks, Boxes2D)
+    assert len(empty.tracks) == 0

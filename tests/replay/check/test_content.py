@@ -80,7 +80,8 @@ def test_images_that_only_decoding_shows_to_be_damaged(path):
 def test_image_size_against_calibration(path):
     rig = Rig(RIG.mounts, {"cam": CameraModel(RIG.cameras["cam"].K, (640, 480))})
     result = checked(path, clean(), rig)
-    assert problems(result) == [("LIM003", "")]
+    assert problems(result) == [("FRM001", "cam"), ("LIM003", "")]
+    assert found(result, "FRM001").text == "is in 0 of 20 frames: 20 of its messages can't be used"
     assert found(result, "LIM003").count == 20
 
 

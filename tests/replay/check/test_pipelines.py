@@ -91,8 +91,15 @@ def test_pipeline_that_cannot_use_the_rig(path):
 
 
 def test_incomplete_rig_keeps_a_pipeline_from_starting(path):
+    mounts = {name: mount for name, mount in RIG.mounts.items() if name != "lidar"}
+    result = checked(path, clean(), Rig(mounts, RIG.cameras), pipeline=("echo", Echo()))
+    assert problems(result) == [("CAL001", "lidar"), ("CHK008", "")]
+
+
+def test_a_camera_without_calibration_is_information_where_a_pipeline_goes_on_without(path):
+    assert problems(checked(path, clean(), Rig(RIG.mounts, {}))) == [("CAL001", "cam")]
     result = checked(path, clean(), Rig(RIG.mounts, {}), pipeline=("echo", Echo()))
-    assert problems(result) == [("CAL001", "cam"), ("CHK008", "")]
+    assert (problems(result), found(result, "CAL001").severity) == ([], "info")
 
 
 class Broken(Echo):
@@ -143,3 +150,34 @@ def test_sensor_that_the_pipeline_cant_use(path):
     one = found(checked(path, clean(), pipeline=("blind", Blind())), "CHK009")
     assert (one.source, one.text) == ("cam", "blind can't use it: no weights")
     assert one.advice == "see fbench plugins pipelines blind for what it needs, and give it with --set"
+
+
+def test_a_sensor_in_hardly_any_frame_is_a_finding_with_or_without_a_pipeline(path):
+    from fbench.pipelines.variants.lidar import Lidar3D
+    from fbench.pipelines.variants.radar import Radar3D
+
+    items = changed(late("radar", 500 * MS, range(20)), clean())
+    for options, severity in (
+        ({}, "error"), ({"pipeline": ("radar3d", Radar3D())}, "error"), ({"pipeline": ("lidar3d", Lidar3D())}, "info"),
+    ):  # fmt: skip
+        one = found(checked(path, items, **options), "FRM001")
+        assert (one.source, one.severity) == ("radar", severity)
+        # It comes 502 ms after its stamp, the LiDAR 10 ms, and frames wait 30 ms.
+        assert one.text == (
+            "is in 0 of 20 frames, although 20 messages of it came: 20 frames were released 462.0 ms too soon for it"
+        )
+        assert one.advice == "--timeout-ms 492 would wait for all of them"
+    waiting = checked(path, items, sync=SyncParams(timeout_ns=492 * MS))
+    assert (waiting.frames.num_complete, problems(waiting)) == (20, [("TIM009", "radar")])
+
+
+def test_a_shifted_clock_is_a_finding(path):
+    items = changed(lambda m: replace(m, stamp_ns=m.stamp_ns - 7000 * MS) if isinstance(m, RadarScan) else m, clean())
+    one = found(checked(path, items), "FRM001")
+    assert "they are stamped 7000.0 ms before the frames' instants" in one.text
+    assert one.advice == "if its clock is shifted, give --offset radar=7000"
+
+
+def test_poses_are_in_frames_or_between_them(path):
+    items = [m for m in clean() if getattr(m, "sensor", "") != "gnss" or m.stamp_ns == START]
+    assert problems(checked(path, items)) == []

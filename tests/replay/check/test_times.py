@@ -166,7 +166,7 @@ def test_stamps_of_zero(path):
         return replace(item, stamp_ns=0) if getattr(item, "sensor", "") == "radar" else item
 
     result = checked(path, changed(zero, clean()))
-    assert problems(result) == [("CHK001", "radar")]
+    assert problems(result) == [("CHK001", "radar"), ("FRM001", "radar")]
     assert found(result, "CHK001").text == "20 of 20 stamps are 0"
 
 

@@ -24,6 +24,7 @@ from tests.replay.logs import builders as b
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
+from fbench.replay.logs.partial_rig import partial_rig
 
 HALF = 2**-0.5
 JPEG = encode_jpeg(np.zeros((6, 8, 3), np.uint8))
@@ -179,21 +180,39 @@ def test_incomplete_rigs_name_the_sensor(tmp_path):
     reader, _ = log(tmp_path, ("/points", cloud), ("/tf", edge("body", "other")))
     with pytest.raises(LogError, match=r"sensor 'lidar' has no transform to the body .*--topics '!lidar'$"):
         _ = reader.rig
-    image = CompressedImage(frame_id="cam", data=JPEG, format="jpeg")
-    reader, _ = log(tmp_path, ("/image", image), ("/tf", edge("body", "cam")))
-    with pytest.raises(LogError, match=r"camera 'cam' has no calibration .*--topics '!cam'$"):
-        _ = reader.rig
-    reader, faults = log(
-        tmp_path, ("/image", image), ("/tf", edge("body", "cam")), ("/k", CameraCalibration(frame_id="cam"))
-    )
-    with pytest.raises(LogError, match=r"camera 'cam' has no calibration"):
-        _ = reader.rig
-    assert faults.places["DEC001"] == ["log.mcap: /k at 2: camera 'cam' isn't calibrated (K has 0 values)"]
     reader, _ = log(
         tmp_path, ("/points", cloud), ("/tf", edge("a", "lidar", (0, 0, 0), (0, 0, 0, 0))), ("/tf", edge("body", "a"))
     )
     with pytest.raises(LogError, match=r"sensor 'lidar': transform of 'lidar' has no valid rotation"):
         _ = reader.rig
+
+
+def test_cameras_without_calibration_give_images_alone(tmp_path):
+    image = CompressedImage(frame_id="cam", data=JPEG, format="jpeg")
+    placed, _ = log(tmp_path, ("/image", image), ("/tf", edge("body", "cam")))
+    assert (list(placed.rig.mounts), placed.rig.cameras, placed.rig.bare) == (["cam"], {}, frozenset())
+    assert partial_rig(placed).problems["cam"].startswith("camera 'cam' has no calibration (CameraCalibration or")
+    damaged, faults = log(
+        tmp_path, ("/image", image), ("/tf", edge("body", "cam")), ("/k", CameraCalibration(frame_id="cam"))
+    )
+    assert (damaged.rig.sensors("camera"), damaged.rig.cameras) == (("cam",), {})
+    assert faults.places["DEC001"] == ["log.mcap: /k at 2: camera 'cam' isn't calibrated (K has 0 values)"]
+    calibration = CameraCalibration(frame_id="cam", width=8, height=6, K=K)
+    alone, _ = log(tmp_path, ("/image", image), ("/k", calibration))
+    assert (alone.rig.mounts, alone.rig.cameras, alone.rig.bare) == ({}, {}, frozenset({"cam"}))
+    assert alone.rig.kinds == {"cam": "camera"}
+    assert partial_rig(alone).problems["cam"].startswith("sensor 'cam' has no transform to the body")
+
+
+def test_cameras_of_other_trees_do_not_keep_sensors_from_the_body(tmp_path):
+    cloud = packed([("x", "<f4"), ("y", "<f4"), ("z", "<f4")], [(1, 2, 3)])
+    image = CompressedImage(frame_id="cam", data=JPEG, format="jpeg")
+    reader, _ = log(
+        tmp_path, ("/points", cloud), ("/image", image), ("/tf", edge("car", "lidar", (1, 2, 3))),
+        ("/tf", edge("gimbal", "cam")),
+    )  # fmt: skip
+    assert reader.rig.mounts["lidar"].translation_m.tolist() == [1, 2, 3]
+    assert reader.rig.bare == frozenset({"cam"})
 
 
 def test_transforms_that_form_a_loop_are_an_error(tmp_path):

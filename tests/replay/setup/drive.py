@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 from mcap.writer import Writer
-from rosbags.typesys import Stores
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from tests.replay.logs.codecs.ros.builders import Ros, cloud, structured
 
 from fbench.replay.data.images import encode_jpeg
@@ -46,6 +49,31 @@ class Drive:
                 writer.add_message(ids[topic], log_ns, bytes(ROS.write(message)), log_ns)
             writer.finish()
         return path
+
+    def write_bag1(self, path: Path, compression: str = "none") -> Path:
+        """Write the same messages as a bag of ROS 1."""
+        writer = Writer1(path)
+        writer.chunk_threshold = 20_000
+        if compression != "none":
+            writer.set_compression(Writer1.CompressionFormat[compression.upper()])
+        with writer:
+            ids: dict[str, Any] = {}
+            for log_ns, topic, kind, message in sorted(self.rows, key=lambda row: row[:2]):
+                if topic not in ids:
+                    text, md5 = NOETIC.generate_msgdef(kind, ros_version=1)
+                    ids[topic] = writer.add_connection(topic, kind, msgdef=text, md5sum=md5)
+                writer.write(ids[topic], log_ns, bytes(ROS.store.cdr_to_ros1(bytes(ROS.write(message)), kind)))
+        return path
+
+    def write_bag2(self, folder: Path, storage: str = "sqlite3") -> Path:
+        """Write the same messages as rosbag2 does."""
+        with Writer2(folder, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
+            ids: dict[str, Any] = {}
+            for log_ns, topic, kind, message in sorted(self.rows, key=lambda row: row[:2]):
+                if topic not in ids:
+                    ids[topic] = writer.add_connection(topic, kind, typestore=ROS.store)
+                writer.write(ids[topic], log_ns, bytes(ROS.write(message)))
+        return folder
 
 
 def points(frame: str, ns: int, num: int = 200, **columns: Any) -> Any:
@@ -138,12 +166,15 @@ VISION = {
 }
 
 
-def _register() -> None:
-    from rosbags.typesys import get_types_from_msg
+NOETIC = get_typestore(Stores.ROS1_NOETIC)
 
-    for name, text in VISION.items():
-        if name not in ROS.store.types:
-            ROS.store.register(get_types_from_msg(text, name))
+
+def _register() -> None:
+    more = {**VISION, "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms"}
+    for store in (ROS.store, NOETIC):
+        for name, text in more.items():
+            if name not in store.types:
+                store.register(get_types_from_msg(text, name))
 
 
 _register()

@@ -183,8 +183,15 @@ def test_sensors_without_calibration_are_commented_out(guess):
     for _, ns in d.steps(8, 100):
         log.add("/cam/image_raw", ns, d.raw_image("base_link", ns))
     config, text = guess(log)
-    assert list(config.sensors) == ["lidar"]
+    assert list(config.sensors) == ["cam", "lidar"]
     assert "# Left out: sensor 'lidar_back' has no transform to the body ('nowhere' to 'base_link'" in text
+    assert "# Its images are used alone, by camera2d: camera 'cam' has no calibration" in text
+    for _, ns in d.steps(8, 100):
+        log.add("/front/image_raw", ns, d.raw_image("base_footprint", ns))
+        log.add("/front/camera_info", ns, d.info("base_footprint", ns))
+    log.add("/tf_static", d.START_NS, d.transforms([("base_link", "base_footprint", (0, 0, 0), (0, 0, 0, 1))]))
+    config, text = guess(log)
+    assert list(config.sensors) == ["camera_front", "lidar"]
     assert "# Left out: camera 'cam' has no calibration" in text
     assert '# [sensors.cam]\n# topic = "/cam/image_raw"' in text
     assert '# rig = ["rig.toml"]' in text
@@ -274,3 +281,17 @@ def test_files_beside_the_log_are_suggested(guess, tmp_path):
     assert '# file = "label_2"' in text
     assert "notes" not in text
     assert (config.truth.file, config.body.rig) == (None, ())
+
+
+def test_only_cameras_have_intrinsics(guess):
+    log = d.Drive()
+    edges = [("base_link", "lidar", (0, 0, 1), (0, 0, 0, 1)), ("base_link", "optical", (0, 0, 1), d.OPTICAL)]
+    log.add("/tf_static", d.START_NS, d.transforms(edges))
+    for _, ns in d.steps(8, 100):
+        log.add("/points", ns, d.points("lidar", ns))
+        log.add("/image", ns, d.jpeg("optical", ns))
+        log.add("/camera_info", ns, d.info("optical", ns))
+    config, _ = guess(log)
+    assert {name: sensor.calibration for name, sensor in config.sensors.items()} == {
+        "camera": "/camera_info", "lidar": "",
+    }  # fmt: skip

@@ -69,14 +69,11 @@ class RigEntry(Strict):
         return cls(log_ns=log_ns, stamp_ns=stamp_ns, mounts=mounts, cameras=cameras)
 
     def rig(self) -> Rig:
-        """Return the rig as data. Raises LogError naming the sensor whose pose isn't one, or the camera that isn't
-        calibrated.
+        """Return the rig as data. Raises LogError naming the sensor whose pose isn't one, or whose intrinsics aren't
+        intrinsics.
         """
         mounts = {name: _mount(name, entry) for name, entry in sorted(self.mounts.items())}
         cameras = {name: _camera(name, entry) for name, entry in sorted(self.cameras.items())}
-        bare = [name for name, mount in mounts.items() if mount.kind == "camera" and name not in cameras]
-        if bare:
-            raise LogError(f"camera '{bare[0]}' has no calibration (key 'cameras' of its rig)", "CAL001")
         return Rig(mounts, cameras)
 
 

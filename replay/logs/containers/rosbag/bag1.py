@@ -122,6 +122,8 @@ class Ros1Bag(StoredLog):
     the file can't be opened or isn't a bag that fbench reads.
     """
 
+    keeps_checksums = False
+
     def __init__(self, path: Path, faults: FaultLog) -> None:
         super().__init__(path, faults)
         with self._open() as file:

@@ -167,6 +167,8 @@ class Db3File(StoredLog):
     writes it.
     """
 
+    keeps_checksums = False
+
     def __init__(self, path: Path, faults: FaultLog, compression: str = "") -> None:
         check_format(path, compression)
         super().__init__(path, faults)
