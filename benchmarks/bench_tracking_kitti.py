@@ -74,7 +74,7 @@ def simulate(drive: Drive, kind: str, seed: int) -> list[Boxes3D]:
     frames = []
     for labels, cars in zip(drive.labels, drive.cars, strict=True):
         rows = []
-        for box in (labels[i : i + 1] for i in np.flatnonzero(named(labels, kind))):
+        for box in (labels[i : i + 1] for i in np.flatnonzero(names_of(labels) == kind)):
             row = detect(box, memory, rng)
             rows += [] if row is None else [row]
         clutter = cars
@@ -88,14 +88,16 @@ def simulate(drive: Drive, kind: str, seed: int) -> list[Boxes3D]:
     return frames
 
 
-def detect(box: Boxes3D, memory: dict[int, tuple[float, np.ndarray]], rng: np.random.Generator) -> tuple | None:
+def detect(
+    box: Boxes3D, memory: dict[int, tuple[float, np.ndarray]], rng: np.random.Generator
+) -> tuple[float, ...] | None:
     """Detection of one label, or none; `memory` has how well each track was seen, and its error."""
-    track = int(box.track_id[0])
+    track = -1 if box.track_id is None else int(box.track_id[0])
     seen, error = memory.get(track, (rng.normal(), rng.normal(size=3)))
     seen = SCORE_KEPT * seen + np.sqrt(1 - SCORE_KEPT**2) * rng.normal()
     error = ERROR_KEPT * error + np.sqrt(1 - ERROR_KEPT**2) * rng.normal(size=3)
     memory[track] = seen, error
-    level = 3 if np.isnan(box.occlusion[0]) else min(int(box.occlusion[0]), 3)
+    level = 3 if box.occlusion is None or np.isnan(box.occlusion[0]) else min(int(box.occlusion[0]), 3)
     far_m = SMALLER * float(np.hypot(*box.center_m[0, :2]))
     band = int(np.searchsorted(BANDS_M, far_m))
     if 0.8 * seen + 0.6 * rng.normal() < norm.ppf(1 - DETECTED[level][band]):
@@ -106,8 +108,9 @@ def detect(box: Boxes3D, memory: dict[int, tuple[float, np.ndarray]], rng: np.ra
     return (*center, *size, yaw, SCORE_SHARE * SCORES[level][band] + SCORE_STD * seen)
 
 
-def named(boxes: Boxes3D, kind: str) -> np.ndarray:
-    return np.char.lower(boxes.source_label) == kind if len(boxes) else np.zeros(0, bool)
+def names_of(boxes: Boxes3D) -> np.ndarray:
+    """KITTI's class of each label, in lower case."""
+    return np.zeros(0, "U1") if boxes.source_label is None else np.char.lower(boxes.source_label)
 
 
 def scores_of(boxes: Boxes3D) -> np.ndarray:
@@ -131,13 +134,8 @@ def sequence_of(drive: Drive, detections: Many[Boxes3D], kind: str, params: Trac
     """Truth beside tracks. "Don't care" regions have no solid, so they excuse nothing."""
     tracker = Tracker3D(params.tracking, any_order=True)
     tracks = [tracker.step(boxes, (i + 1) * PERIOD_NS) for i, boxes in enumerate(detections)]
-    names = [
-        np.where(boxes.label == LABELS[kind], kind, boxes.label) if len(boxes) else np.zeros(0, "U1")
-        for boxes in tracks
-    ]
-    truth = objects(
-        drive.labels, [np.char.lower(b.source_label) if len(b) else np.zeros(0, "U1") for b in drive.labels]
-    )
+    names = [np.full(len(boxes), kind) for boxes in tracks]
+    truth = objects(drive.labels, [names_of(boxes) for boxes in drive.labels])
     return Sequence(drive.name, Steps.of_one_stream(len(tracks)), truth, objects(tracks, names))
 
 
@@ -152,7 +150,7 @@ def main() -> None:
     for kind in Kitti3dMot().classes:
         parts = [(drive, drive.cars) for drive in drives]
         if kind.label != "car":
-            own = [drive for drive in drives if any(named(boxes, kind.label).any() for boxes in drive.labels)]
+            own = [drive for drive in drives if any((names_of(boxes) == kind.label).any() for boxes in drive.labels)]
             parts = [(drive, simulate(drive, kind.label, seed)) for seed in SEEDS for drive in own]
         tables = [track_table(sequence_of(*part, kind.label, params), kind, rules) for part in parts]
         passes, best = run_passes(tables, rules.num_recalls)
