@@ -26,12 +26,16 @@ from fbench.replay.contracts.profiles import Match
 from fbench.replay.contracts.settings import apply_settings
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.sequences import Objects, Sequence, Steps
+from fbench.replay.formats.kitti import DONT_CARE
+from fbench.replay.formats.objects import LabeledObject, to_boxes2d
 from fbench.replay.geometry.iou import distance_bev
 
 PERIOD_NS = 100_000_000
 SIZES = {"pedestrian": (0.8, 0.65, 1.75), "cyclist": (1.75, 0.6, 1.7)}  # Length, width, height [m] of clutter
 LABELS = {"car": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
 SEEDS = (1, 2)
+MIN_HEIGHT_PX = 25.0
+NEAR_M = 2.5  # Detections this near to a label belong to it
 
 BANDS_M = (15, 30, 50)
 DETECTED = ((0.94, 0.99, 0.98, 0.71), (0.97, 0.98, 0.90, 0.60), (0.97, 0.90, 0.76, 0.28), (0.74, 0.69, 0.60, 0.40))
@@ -61,10 +65,25 @@ def read_drives(folder: Path) -> list[Drive]:
         rows = sequence_rows(path, tracking_label, FrameRange(), BadInput())
         found = sequence_results(folder / "pointrcnn_car_val", path.stem, FrameRange(), BadInput())
         num = max(rows.num_frames, found.num_frames if found else 0)
-        both = [found.boxes(i) if found else None for i in range(num)]
-        cars = [each[0] if each and each[0] is not None else Boxes3D.empty() for each in both]
-        drives.append(Drive(path.stem, [boxes_3d(rows.frames.get(i, ())) for i in range(num)], cars))
+        labels = [rows.frames.get(i, ()) for i in range(num)]
+        cars = [keep_cars((found.rows(i) if found else None) or (), labels[i]) for i in range(num)]
+        drives.append(Drive(path.stem, [boxes_3d(each) for each in labels], cars))
     return drives
+
+
+def keep_cars(found: Many[LabeledObject], labels: Many[LabeledObject]) -> Boxes3D:
+    """Detections of a frame without those that the profile would excuse: at no label, and low or in a region."""
+    boxes, truth, flat = boxes_3d(found), boxes_3d(labels), to_boxes2d(found).xyxy_px
+    regions = to_boxes2d([row for row in labels if row.source_label == DONT_CARE]).xyxy_px
+    kept = flat[:, 3] - flat[:, 1] > MIN_HEIGHT_PX
+    for low_x, low_y, high_x, high_y in regions:
+        across = np.minimum(flat[:, 2], high_x) - np.maximum(flat[:, 0], low_x)
+        down = np.minimum(flat[:, 3], high_y) - np.maximum(flat[:, 1], low_y)
+        area = (flat[:, 2:] - flat[:, :2]).prod(axis=1)
+        kept &= np.maximum(across, 0) * np.maximum(down, 0) <= 0.5 * area
+    if len(truth) and len(boxes):
+        kept |= distance_bev(boxes.center_m, truth.center_m).min(axis=1) <= NEAR_M
+    return boxes[kept]
 
 
 def simulate(drive: Drive, kind: str, seed: int) -> list[Boxes3D]:
@@ -79,7 +98,7 @@ def simulate(drive: Drive, kind: str, seed: int) -> list[Boxes3D]:
             rows += [] if row is None else [row]
         clutter = cars
         if len(labels) and len(cars):
-            clutter = cars[distance_bev(cars.center_m, labels.center_m).min(axis=1) > 2.5]
+            clutter = cars[distance_bev(cars.center_m, labels.center_m).min(axis=1) > NEAR_M]
         size = np.array(SIZES[kind])
         rows += [(*clutter.center_m[i], *size, clutter.yaw_rad[i], scores_of(clutter)[i]) for i in range(len(clutter))]
         table = np.array(rows, np.float64).reshape(-1, 8)
@@ -131,7 +150,7 @@ def objects(frames: Many[Boxes3D], names: Many[np.ndarray]) -> Objects:
 
 
 def sequence_of(drive: Drive, detections: Many[Boxes3D], kind: str, params: TrackParams) -> Sequence:
-    """Truth beside tracks. "Don't care" regions have no solid, so they excuse nothing."""
+    """Truth beside tracks. What regions excuse was left out before."""
     tracker = Tracker3D(params.tracking, any_order=True)
     tracks = [tracker.step(boxes, (i + 1) * PERIOD_NS) for i, boxes in enumerate(detections)]
     names = [np.full(len(boxes), kind) for boxes in tracks]
