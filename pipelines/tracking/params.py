@@ -45,9 +45,12 @@ class Tracker3DParams(TrackerParams):
     """
     gate_m: float = in_range(3.0, MIN_STD)
     """Greatest distance of a detection from a track's prediction [m], plus `gate_mps` times the time without one."""
-    gate_mps: float = in_range(8.0, 0)  # By how much the gate grows [m] for each second since a track was measured.
+    gate_mps: float = in_range(8.0, 0)
+    """By how much the gate grows [m] for each second since a track was measured. With `giou`: how far a detection that
+    nothing overlaps may be from a prediction [m] for each such second, and still belong to it."""
     new_gate_mps: float = in_range(20.0, 0)
     """The same for a track that was measured once and without a velocity, which may be any; at least `gate_mps`."""
+    pedestrian_gate_mps: float = in_range(3.0, 0)  # With `giou`: both are at most this for pedestrians, who are slow.
     min_iou: float = in_range(0.05, 0, 1)
     """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
     measured_std_m: float = in_range(0.3, MIN_STD)  # Standard deviation of a measured center [m].

@@ -9,7 +9,7 @@ import numpy as np
 from fbench.pipelines.tracking import association, kalman
 from fbench.pipelines.tracking.kalman import PLACE, RATE, States
 from fbench.pipelines.tracking.kernels import as_corners, as_measured, one_layout
-from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, TrackerParams
+from fbench.pipelines.tracking.params import MIN_STD, Tracker2DParams, Tracker3DParams, TrackerParams
 from fbench.pipelines.tracking.tracks import Columns, Tracks, are_rivals, count_votes, rows, sort_detections
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
@@ -89,20 +89,40 @@ class Tracker(ABC, Generic[B, P]):
         )
 
     def _follow(self, tracks: Tracks, detections: Columns, weak: Bool, stamp_ns: int) -> Tracks:
-        similarity, least = self._similarity(tracks, detections, stamp_ns)
-        similarity[are_rivals(tracks.last["label"], detections["label"])] = 0.0
-        at, columns = association.associate_weak_last(similarity, least, weak)
+        at, columns, sure = self._pair(tracks, detections, weak, stamp_ns)
         found = rows(detections, columns)
         states = kalman.update(tracks.states.take(at, axis=1), *self._measure(found))
         carried = self._carry(tracks, at, found)
         if self._params.score == "mean":
             carried["score"] = mean_of(tracks.last["score"][at], found["score"], 1.0 / (tracks.hits[at] + 1))
-        tracks = tracks.measure(at, carried, states, stamp_ns)
+        tracks = tracks.measure(at, carried, states, stamp_ns, sure)
         is_confirmed = (tracks.hits >= self._params.min_hits) & (tracks.missed <= self._params.max_missed)
         alive = tracks.select((tracks.missed == 0) | is_confirmed)
         new = ~weak
-        new[columns] = False
+        new[columns[sure]] = False
         return alive.join(self._start_tracks(rows(detections, new), stamp_ns)) if new.any() else alive
+
+    def _pair(self, tracks: Tracks, detections: Columns, weak: Bool, stamp_ns: int) -> tuple[Int64, Int64, Bool]:
+        """Pair tracks with detections: rows of both, by track, and which pairs are sure.
+
+        What fits is paired first, then what is left and within reach. Of a track that isn't confirmed yet, such a pair
+        says how it may have moved, but not that it did: it is no hit, and its detection starts a track, too.
+        """
+        similarity, least = self._similarity(tracks, detections, stamp_ns)
+        rivals = are_rivals(tracks.last["label"], detections["label"])
+        similarity[rivals] = 0.0
+        at, columns = association.associate_weak_last(similarity, least, weak)
+        sure, is_complete = np.ones(len(at), np.bool_), len(at) == min(similarity.shape)
+        near = None if is_complete else self._nearness(tracks, detections, stamp_ns)
+        if near is None:
+            return at, columns, sure
+        near[rivals] = 0.0
+        near[at] = near[:, columns] = near[:, weak] = 0.0
+        more_at, more_columns = association.associate(near, 0.0)
+        at, columns = np.concatenate([at, more_at]), np.concatenate([columns, more_columns])
+        sure = np.concatenate([sure, tracks.hits[more_at] >= self._params.min_hits])
+        order = np.argsort(at, kind="stable")
+        return at[order], columns[order], sure[order]
 
     def _advance(self, tracks: Tracks, stamp_ns: int) -> Tracks:
         if stamp_ns <= self._stamp_ns:
@@ -163,6 +183,10 @@ class Tracker(ABC, Generic[B, P]):
     @abstractmethod
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         """How well tracks and detections fit (T, M), whatever their labels, and how well a pair must."""
+
+    def _nearness(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> Float64 | None:
+        """How near detections are to where tracks may have moved (T, M), 0 out of reach; `None`: it doesn't count."""
+        return None
 
     @abstractmethod
     def _carry(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
@@ -237,19 +261,36 @@ class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
 
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         p, center, found = self._params, tracks.states[PLACE], detections["center_m"]
-        if p.association == "distance":
-            has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._poses else np.False_
-            grow_mps = np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
-            gate_m = p.gate_m + grow_mps * ((stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9)
-            return association.nearness(distance_bev(center, found), gate_m), 0.0
         if p.association == "mahalanobis":
             near = association.mahalanobis_nearness(tracks.states, found, self._measured_std, p.max_mahalanobis)
             return near, 0.0
+        if p.association == "distance":
+            gate_m = p.gate_m + self._growth_mps(tracks) * self._waited_s(tracks, stamp_ns)
+            return association.nearness(distance_bev(center, found), gate_m), 0.0
         a = np.column_stack([center, tracks.last["size_lwh_m"], tracks.last["yaw_rad"]])
         b = np.column_stack([found, detections["size_lwh_m"], detections["yaw_rad"]])
         if p.association == "giou":
             return association.as_similarity(association.giou_3d(a, b)), (p.min_giou + 1.0) / 2.0
         return association.footprint_iou(a, b), p.min_iou
+
+    def _nearness(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> Float64 | None:
+        if self._params.association != "giou":
+            return None
+        slow_mps = np.where(tracks.labels() == "pedestrian", self._params.pedestrian_gate_mps, np.inf)
+        reach_m = np.minimum(self._growth_mps(tracks), slow_mps) * self._waited_s(tracks, stamp_ns)
+        far_m = distance_bev(tracks.states[PLACE], detections["center_m"])
+        return association.nearness(far_m, np.maximum(reach_m, MIN_STD))
+
+    def _growth_mps(self, tracks: Tracks) -> Float64:
+        """By how much the reach of each track (T,) grows."""
+        p = self._params
+        has_velocity = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._poses else np.False_
+        return np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
+
+    @staticmethod
+    def _waited_s(tracks: Tracks, stamp_ns: int) -> Float64:
+        """For how long each track (T,) wasn't measured."""
+        return (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
 
     def _carry(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
         """Means where the parameters ask for them, else what was measured."""

@@ -65,11 +65,13 @@ class Tracks:
         best = _LABELS[np.argmax(self.votes, axis=1)]
         return np.where(self.votes.any(axis=1), best, "other")
 
-    def measure(self, at: Int64, detections: Columns, states: States, stamp_ns: int) -> "Tracks":
-        """Give the tracks `at` their detections and corrected states; the others have missed one more step."""
+    def measure(self, at: Int64, detections: Columns, states: States, stamp_ns: int, sure: Bool) -> "Tracks":
+        """Give the tracks `at` their detections and corrected states; the others have missed one more step. Only those
+        that are `sure` count as hits.
+        """
         hits, missed = self.hits.copy(), self.missed + 1
         updated_ns, votes = self.updated_ns.copy(), self.votes.copy()
-        hits[at] += 1
+        hits[at] += sure
         missed[at] = 0
         updated_ns[at] = stamp_ns
         votes[at] += count_votes(detections["label"], detections["score"])

@@ -82,11 +82,13 @@ class PlainTracker:
                     alike[i, j] = self.alike(track, one) if free and not rivals(track, one) else 0.0
             rows, columns = linear_sum_assignment(alike, maximize=True)
             pairs += [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if alike[r, c] > 0]
+        later = self.pair_within_reach(pairs, found, weak)
         for i, track in enumerate(self.tracks):
             track.missed += 1
-            for j in [j for row, j in pairs if row == i]:
-                taken.add(j)
-                self.measure(track, found[j])
+            for j in [j for row, j in pairs + later if row == i]:
+                is_sure = (i, j) in pairs or track.hits >= p.min_hits
+                taken |= {j} if is_sure else set()
+                self.measure(track, found[j], is_sure)
         self.tracks = [t for t in self.tracks if not t.missed or (t.hits >= p.min_hits and t.missed <= p.max_missed)]
         for j, one in enumerate(found):
             if j not in taken and not weak[j]:
@@ -94,9 +96,22 @@ class PlainTracker:
         self.steps += 1
         return self.shown()
 
-    def measure(self, track, one):
+    def pair_within_reach(self, pairs, found, weak):
+        """Pairs of what `pairs` left."""
+        near = np.zeros((len(self.tracks), len(found)))
+        for i, track in enumerate(self.tracks):
+            for j, one in enumerate(found):
+                is_left = not any(i == row or j == column for row, column in pairs)
+                near[i, j] = self.near(track, one) if is_left and not weak[j] and not rivals(track, one) else 0.0
+        rows, columns = linear_sum_assignment(near, maximize=True)
+        return [(r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if near[r, c] > 0]
+
+    def near(self, track, one):
+        return 0.0
+
+    def measure(self, track, one, is_sure):
         track.update(one["z"], self.std(one["z"]))
-        track.hits, track.missed, track.stamp_ns = track.hits + 1, 0, self.stamp_ns
+        track.hits, track.missed, track.stamp_ns = track.hits + is_sure, 0, self.stamp_ns
         track.label, track.carried = one["label"], self.carried(track, one)
         track.vote(one["label"], one["score"])
 
@@ -153,11 +168,21 @@ class Plain3D(PlainTracker):
     def place(self, track):
         return np.concatenate([track.mean, track.carried["size"], [track.carried["yaw"]]])
 
+    def growth(self, track):
+        return max(self.params.gate_mps, self.params.new_gate_mps) if track.hits == 1 else self.params.gate_mps
+
+    def near(self, track, one):
+        if self.params.association != "giou":
+            return 0.0
+        is_slow = track.best_label() == "pedestrian"
+        speed = min(self.growth(track), self.params.pedestrian_gate_mps) if is_slow else self.growth(track)
+        reach = speed * (self.stamp_ns - track.stamp_ns) * 1e-9
+        return max(0.0, 1 - np.hypot(*(track.mean[:2] - one["z"][:2])) / reach)
+
     def alike(self, track, one):
         p = self.params
         if p.association == "distance":
-            grow = max(p.gate_mps, p.new_gate_mps) if track.hits == 1 else p.gate_mps
-            gate = p.gate_m + grow * (self.stamp_ns - track.stamp_ns) * 1e-9
+            gate = p.gate_m + self.growth(track) * (self.stamp_ns - track.stamp_ns) * 1e-9
             return max(0.0, 1 - np.hypot(*(track.mean[:2] - one["z"][:2])) / gate)
         if p.association == "mahalanobis":
             return self.mahalanobis(track, one)

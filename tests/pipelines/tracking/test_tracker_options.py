@@ -77,6 +77,43 @@ def test_giou_joins_what_is_near_without_overlap():
     assert ids(tracked_flat(apart, association="giou"))[1] == [1]
 
 
+def slim(x=None, label="bicycle"):
+    """A box 0.6 m wide that stands across, or none; 1.5 m to the side its generalized overlap with itself is -0.43."""
+    boxes = cars(*(() if x is None else ((x, 0.0),)), yaw=np.pi / 2, label=label)
+    return replace(boxes, size_lwh_m=np.tile([1.8, 0.6, 1.7], (len(boxes), 1)))
+
+
+def test_giou_begins_tracks_of_slim_objects_that_move_farther_than_they_overlap():
+    """The second measurement is within reach: it gives a velocity. The third confirms it."""
+    found = [slim(1.5 * i) for i in range(6)]
+    followed = tracked(found, association="giou", min_hits=2)
+    assert ids(followed) == [[1], [], [1], [1], [1], [1]]
+    assert followed[-1].velocity_mps[0, 0] == pytest.approx(15.0, abs=0.5)
+    assert ids(tracked(found, association="giou", min_hits=2, new_gate_mps=14.0)) == [[1]] + [[]] * 5
+    assert ids(tracked(found, association="giou")) == [[1]] * 6  # tracks that are shown at once go on at once
+    faster = [slim(2.5 * i) for i in range(6)]
+    assert ids(tracked(faster, association="giou", min_hits=2)) == [[1]] + [[]] * 5
+    walkers = [slim(1.5 * i, label="pedestrian") for i in range(6)]
+    assert ids(tracked(walkers, association="giou", min_hits=2)) == [[1]] + [[]] * 5
+    assert ids(tracked(walkers, association="giou", min_hits=2, pedestrian_gate_mps=20.0))[2:] == [[1]] * 4
+
+
+def test_what_is_only_within_reach_of_a_new_track_starts_a_track_of_its_own():
+    """A false detection beside an object that stands doesn't delay the object's track."""
+    found = [slim(0.0), *[slim(1.5)] * 4]
+    assert ids(tracked(found, association="giou", min_hits=2)) == [[1], [], [2], [2], [2]]
+    weak = [slim(0.0), *[replace(slim(1.5), score=np.array([0.1]))] * 4]
+    assert ids(tracked(weak, association="giou", min_hits=2, weak_score=0.5)) == [[1], [], [], [], []]
+
+
+def test_a_confirmed_track_takes_what_is_within_reach_after_a_gap():
+    found = [*[slim(0.0)] * 5, slim(), slim(1.2)]
+    last = tracked(found, association="giou", min_hits=2)[-1]
+    assert (last.track_id.tolist(), last.predicted.tolist()) == ([1], [False])
+    last = tracked(found, association="giou", min_hits=2, gate_mps=5.0)[-1]
+    assert (last.track_id.tolist(), last.predicted.tolist()) == ([1], [True])
+
+
 def test_mahalanobis_trusts_a_settled_track_less_far_than_a_new_one():
     still = [cars((10.0, 0.0))] * 10
     assert ids(tracked([cars((10.0, 0.0)), cars((13.0, 0.0))], association="mahalanobis"))[1] == [1]
