@@ -94,7 +94,7 @@ class _Loop:
         params = (plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors, plan.max_between_ns)
         self.stream = FrameStream(reader, *params)
         self._rig, self._info = self.stream.rig, reader.info
-        self._media = MediaKeeper(self._rig, 0 if plan.redact else plan.num_media)
+        self._media = MediaKeeper(0 if plan.redact else plan.num_media)
         self._check = OutputCheck(self._rig)
         self._chain, self._failures = START, 0
         self._segment: int | None = None
@@ -139,7 +139,7 @@ class _Loop:
             self._writer.add_frame(record, {**stages, "total": total_ns}, "host")
         else:
             self._writer.add_frame(record, {**stages, "total": sum(stages.values())} if stages else {}, "log")
-        self._media.offer(frame)
+        self._media.offer(self.stream.rig, frame)
 
     def _run_pipeline(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""

@@ -50,16 +50,16 @@ class MediaKeeper:
     Every `stride`-th frame is kept; when there are too many, the stride doubles and every second one goes.
     """
 
-    def __init__(self, rig: Rig, num: int = 8) -> None:
-        self._rig, self._num, self._stride, self._num_offered = rig, num, 1, 0
+    def __init__(self, num: int = 8) -> None:
+        self._num, self._stride, self._num_offered = num, 1, 0
         self._kept: list[MediaFrame] = []
 
-    def offer(self, frame: Frame) -> None:
-        """Keep the frame if its turn has come."""
+    def offer(self, rig: Rig, frame: Frame) -> None:
+        """Keep the frame, measured by a rig, if its turn has come."""
         self._num_offered += 1
         if self._num == 0 or (self._num_offered - 1) % self._stride:
             return
-        self._kept.append(keep(self._rig, frame))
+        self._kept.append(keep(rig, frame))
         if len(self._kept) >= 2 * self._num:
             self._kept, self._stride = self._kept[::2], self._stride * 2
 
