@@ -24,12 +24,15 @@ MIN_EDGES = 60  # With fewer edges of depth in all images nothing is said
 MIN_ANGLE_DEG, MIN_GAIN, MIN_BLOCKS, MIN_SIGMAS = 1.0, 0.04, 8, 3.0
 """A turn is reported that is at least so large, raises the score by this share of it, and by so many of the deviations
 that as many stripes of images explain."""
+_SURE_SIGMAS = 3.5  # What would be noticed is said where it would be with something to spare
 MIN_SCORE = 1.15
 AXES = ("pitch", "yaw", "roll")
 """Turns about the axes of a camera: x right, y down, z forward."""
 _STRIPES, _BLOCK_EDGES = 12, 5
 _MAX_EDGES = 600  # Of one frame and direction; more tell nothing new
 _PLANTED_DEG = (1.0, 1.5, 2.0, 3.0)
+_REACH = round(REACH_DEG / STEP_DEG)
+_MIDDLE = _REACH + round(max(_PLANTED_DEG) / STEP_DEG)
 _DIRECTIONS: tuple[Direction, ...] = ("upright", "level")
 
 
@@ -127,20 +130,17 @@ def align(samples: Sequence[Sample], camera: str) -> Alignment:
         return Alignment(camera, num, (0.0, 0.0, 0.0), 0.0, 0.0, is_clear=False, num_blocks=0)
     few = {d for d in _DIRECTIONS if sum(len(e.edges) for e in evidence if e.direction == d) < MIN_EDGES}
     counted = [found for found in evidence if found.direction not in few] or evidence
-    turn = _best(counted, model)
-    here, there = _measure(counted, model, np.zeros(3)), _measure(counted, model, turn)
+    lines = [_measure_line(counted, model, axis) for axis in range(3)]
+    here, best = lines[0][_MIDDLE], _best(counted, model)
+    # What is planted is found by turning about one axis, and so this is tried, too.
+    turns = [best, *(_turn(axis, _best_step(line, _MIDDLE) - _MIDDLE) for axis, line in enumerate(lines))]
+    found = [(turn, _measure(counted, model, turn)) for turn in turns]
+    clear = [item for item in found if _is_clear(here, item[1])]
+    turn, there = max(clear or found[:1], key=lambda item: item[1].score)
     x, y, z = (round(float(value), 3) + 0.0 for value in turn)
-    pitch, yaw, roll = (_noticed_deg(counted, model, axis) for axis in range(3))
-    return Alignment(
-        camera,
-        num,
-        (x, y, z),
-        here.score,
-        there.score,
-        _is_clear(here, there),
-        sum(map(len, here.blocks)),
-        (pitch, yaw, roll),
-    )
+    pitch, yaw, roll = (_noticed_deg(line) for line in lines)
+    num_blocks = sum(map(len, here.blocks))
+    return Alignment(camera, num, (x, y, z), here.score, there.score, bool(clear), num_blocks, (pitch, yaw, roll))
 
 
 def edges_of(sample: Sample, camera: str, direction: Direction = "upright") -> Float64:
@@ -177,23 +177,36 @@ def _best(evidence: Sequence[_Evidence], model: CameraModel) -> Float64:
     return turn
 
 
-def _noticed_deg(evidence: Sequence[_Evidence], model: CameraModel, axis: int) -> float | None:
+def _turn(axis: int, step: int) -> Float64:
+    """Rotation vector [deg] about one axis."""
+    return np.where(np.arange(3) == axis, STEP_DEG * step, 0.0)
+
+
+def _measure_line(evidence: Sequence[_Evidence], model: CameraModel, axis: int) -> list[_Values]:
+    """Values of all turns about one axis that can be planted or mend what is planted; as calibrated in the middle."""
+    return [_measure(evidence, model, _turn(axis, step)) for step in range(-_MIDDLE, _MIDDLE + 1)]
+
+
+def _best_step(line: Sequence[_Values], at: int) -> int:
+    """Index of the highest score within reach of another one; of equal ones the nearest."""
+    near = sorted(range(at - _REACH, at + _REACH + 1), key=lambda i: abs(i - at))
+    return max(near, key=lambda i: line[i].score)
+
+
+def _noticed_deg(line: Sequence[_Values]) -> float | None:
     """From which error on all errors about one axis, to either side, are clear when they are planted; `None`: none."""
-    num = round(2 * REACH_DEG / STEP_DEG)
-    turns = [np.where(np.arange(3) == axis, STEP_DEG * step, 0.0) for step in range(-num, num + 1)]
-    values = [_measure(evidence, model, turn) for turn in turns]
-    reach, noticed = round(REACH_DEG / STEP_DEG), None
+    noticed = None
     for planted in sorted(_PLANTED_DEG, reverse=True):
-        for at in (num - round(planted / STEP_DEG), num + round(planted / STEP_DEG)):
-            best = max(range(at - reach, at + reach + 1), key=lambda i: values[i].score)
-            angle = STEP_DEG * abs(best - at)
-            if not (MIN_ANGLE_DEG <= angle < REACH_DEG and _is_clear(values[at], values[best])):
+        for at in (_MIDDLE - round(planted / STEP_DEG), _MIDDLE + round(planted / STEP_DEG)):
+            best = _best_step(line, at)
+            is_reported = MIN_ANGLE_DEG <= STEP_DEG * abs(best - at) < REACH_DEG
+            if not (is_reported and _is_clear(line[at], line[best], _SURE_SIGMAS)):
                 return noticed
         noticed = planted
     return noticed
 
 
-def _is_clear(here: _Values, there: _Values) -> bool:
+def _is_clear(here: _Values, there: _Values, sigmas: float = MIN_SIGMAS) -> bool:
     """Whether a rotation is better than another, by enough and all over the images: one object alone proves little.
 
     Directions weigh alike, and in each one the stripes of images are taken as independent: their mean gain has to be
@@ -203,7 +216,7 @@ def _is_clear(here: _Values, there: _Values) -> bool:
     if not gains or there.score - here.score <= MIN_GAIN * there.score:
         return False
     deviation = np.sqrt(sum(float(np.var(gain, ddof=1)) / len(gain) for gain in gains))
-    return sum(float(np.mean(gain)) for gain in gains) > MIN_SIGMAS * float(deviation)
+    return sum(float(np.mean(gain)) for gain in gains) > sigmas * float(deviation)
 
 
 def _measure(evidence: Sequence[_Evidence], model: CameraModel, turn_deg: Float64) -> _Values:
