@@ -55,7 +55,7 @@ class Survey:
     streams: tuple[Stream, ...]
     topics: tuple[Topic, ...]
     num_truths: int  # Messages of ground truth
-    span_ns: tuple[int, int] | None  # Log times of the first and the last message
+    span_ns: tuple[int, int] | None  # Log times of the first and the last message but those of the rig
     breaks: tuple[str, ...] | None
     """Why new segments begin: the reference sensor pauses, or the rig changes; `None`: not known without reading."""
     rig_changes: tuple[RigChange, ...] | None  # `None`: not known without reading
@@ -70,6 +70,10 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
     if by_channel is None and not form.is_indexed:
         by_channel = read_log_times(container)
     span = span_ns(container, by_channel)
+    if by_channel is not None:  # what was cut out of a log has the rig of before, with its times
+        known_kinds = {id_: role.kind for id_, role in reader.roles.items()}
+        measured = {i: t for i, t in by_channel.items() if known_kinds.get(i) not in ("transform", "calibration")}
+        span = span_ns(container, measured) or span
     reference = reference_of(reader, known, params)
     times: dict[str, Int64] = {}
     for id_, role in sorted(reader.roles.items()):
