@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -108,11 +109,38 @@ class _Evidence(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Values:
-    """Strength of images under edges at one rotation."""
+class _Scene:
+    """All evidence of one camera."""
 
-    score: float  # Mean over directions, each of which is the mean of its edges
-    blocks: tuple[Float64, ...]  # By direction, (B,) of each stripe of an image with enough edges
+    model: CameraModel
+    evidence: Sequence[_Evidence]
+
+    def of(self, direction: Direction) -> list[_Evidence]:
+        """That of one direction."""
+        return [found for found in self.evidence if found.direction == direction]
+
+    @cached_property
+    def blocks(self) -> tuple[Int64, ...]:
+        """Numbers (N,) of the stripes of images in which edges lie, by direction; different in each image."""
+        every = [[_STRIPES * i + found.stripes for i, found in enumerate(self.of(d))] for d in _DIRECTIONS]
+        return tuple(np.concatenate(own) if own else np.zeros(0, np.int64) for own in every)
+
+
+@dataclass(frozen=True)
+class _Values:
+    """Strength of images under edges (N,) at one rotation, by direction; NaN for edges outside of the image."""
+
+    strength: tuple[Float64, ...]
+
+    @cached_property
+    def score(self) -> float:
+        """Mean over directions, each of which is the mean of its edges."""
+        return _mean_of([own[np.isfinite(own)] for own in self.strength])
+
+
+def _mean_of(of_directions: Sequence[Float64]) -> float:
+    means = [float(np.mean(own)) for own in of_directions if len(own) >= _BLOCK_EDGES]
+    return float(np.mean(means)) if means else 1.0
 
 
 def align(samples: Sequence[Sample], camera: str) -> Alignment:
@@ -130,16 +158,17 @@ def align(samples: Sequence[Sample], camera: str) -> Alignment:
         return Alignment(camera, num, (0.0, 0.0, 0.0), 0.0, 0.0, is_clear=False, num_blocks=0)
     few = {d for d in _DIRECTIONS if sum(len(e.edges) for e in evidence if e.direction == d) < MIN_EDGES}
     counted = [found for found in evidence if found.direction not in few] or evidence
-    lines = [_measure_line(counted, model, axis) for axis in range(3)]
-    here, best = lines[0][_MIDDLE], _best(counted, model)
+    scene = _Scene(model, counted)
+    lines = [_measure_line(scene, axis) for axis in range(3)]
+    here, best = lines[0][_MIDDLE], _best(scene)
     # What is planted is found by turning about one axis, and so this is tried, too.
     turns = [best, *(_turn(axis, _best_step(line, _MIDDLE) - _MIDDLE) for axis, line in enumerate(lines))]
-    found = [(turn, _measure(counted, model, turn)) for turn in turns]
-    clear = [item for item in found if _is_clear(here, item[1])]
+    found = [(turn, _measure(scene, turn)) for turn in turns]
+    clear = [item for item in found if _is_clear(scene, here, item[1])]
     turn, there = max(clear or found[:1], key=lambda item: item[1].score)
     x, y, z = (round(float(value), 3) + 0.0 for value in turn)
-    pitch, yaw, roll = (_noticed_deg(line) for line in lines)
-    num_blocks = sum(map(len, here.blocks))
+    pitch, yaw, roll = (_noticed_deg(scene, line) for line in lines)
+    num_blocks = sum(int(np.sum(np.bincount(blocks) >= _BLOCK_EDGES)) for blocks in scene.blocks)
     return Alignment(camera, num, (x, y, z), here.score, there.score, bool(clear), num_blocks, (pitch, yaw, roll))
 
 
@@ -166,13 +195,13 @@ def _evidence(sample: Sample, camera: str) -> list[_Evidence]:
     return found
 
 
-def _best(evidence: Sequence[_Evidence], model: CameraModel) -> Float64:
+def _best(scene: _Scene) -> Float64:
     """Rotation vector [deg] with the highest score; of equal ones the one that turns least."""
     turn = np.zeros(3)
     steps = sorted(np.arange(-REACH_DEG, REACH_DEG + STEP_DEG / 2, STEP_DEG), key=abs)
     for axis in (1, 0, 2, 1, 0, 2):
         candidates = [np.where(np.arange(3) == axis, step, turn) for step in steps]
-        scores = [_measure(evidence, model, candidate).score for candidate in candidates]
+        scores = [_measure(scene, candidate).score for candidate in candidates]
         turn = candidates[int(np.argmax(scores))]
     return turn
 
@@ -182,9 +211,9 @@ def _turn(axis: int, step: int) -> Float64:
     return np.where(np.arange(3) == axis, STEP_DEG * step, 0.0)
 
 
-def _measure_line(evidence: Sequence[_Evidence], model: CameraModel, axis: int) -> list[_Values]:
+def _measure_line(scene: _Scene, axis: int) -> list[_Values]:
     """Values of all turns about one axis that can be planted or mend what is planted; as calibrated in the middle."""
-    return [_measure(evidence, model, _turn(axis, step)) for step in range(-_MIDDLE, _MIDDLE + 1)]
+    return [_measure(scene, _turn(axis, step)) for step in range(-_MIDDLE, _MIDDLE + 1)]
 
 
 def _best_step(line: Sequence[_Values], at: int) -> int:
@@ -193,49 +222,53 @@ def _best_step(line: Sequence[_Values], at: int) -> int:
     return max(near, key=lambda i: line[i].score)
 
 
-def _noticed_deg(line: Sequence[_Values]) -> float | None:
+def _noticed_deg(scene: _Scene, line: Sequence[_Values]) -> float | None:
     """From which error on all errors about one axis, to either side, are clear when they are planted; `None`: none."""
     noticed = None
     for planted in sorted(_PLANTED_DEG, reverse=True):
         for at in (_MIDDLE - round(planted / STEP_DEG), _MIDDLE + round(planted / STEP_DEG)):
             best = _best_step(line, at)
             is_reported = MIN_ANGLE_DEG <= STEP_DEG * abs(best - at) < REACH_DEG
-            if not (is_reported and _is_clear(line[at], line[best], _SURE_SIGMAS)):
+            if not (is_reported and _is_clear(scene, line[at], line[best], _SURE_SIGMAS)):
                 return noticed
         noticed = planted
     return noticed
 
 
-def _is_clear(here: _Values, there: _Values, sigmas: float = MIN_SIGMAS) -> bool:
+def _is_clear(scene: _Scene, here: _Values, there: _Values, sigmas: float = MIN_SIGMAS) -> bool:
     """Whether a rotation is better than another, by enough and all over the images: one object alone proves little.
 
-    Directions weigh alike, and in each one the stripes of images are taken as independent: their mean gain has to be
-    larger than several of its standard deviations.
+    Edges count that are in the image with both. Directions weigh alike, and in each one the stripes of images are taken
+    as independent: their mean gain has to be larger than several of its standard deviations.
     """
-    gains = [b - a for a, b in zip(here.blocks, there.blocks, strict=True) if len(a) >= MIN_BLOCKS]
-    if not gains or there.score - here.score <= MIN_GAIN * there.score:
+    before, after, gains = [], [], []
+    for blocks, a, b in zip(scene.blocks, here.strength, there.strength, strict=True):
+        both = np.isfinite(a) & np.isfinite(b)
+        before.append(a[both])
+        after.append(b[both])
+        nums = np.bincount(blocks[both])
+        own = np.bincount(blocks[both], b[both] - a[both])[nums >= _BLOCK_EDGES] / nums[nums >= _BLOCK_EDGES]
+        gains += [own] if len(own) >= MIN_BLOCKS else []
+    best = _mean_of(after)
+    if not gains or best - _mean_of(before) <= MIN_GAIN * best:
         return False
     deviation = np.sqrt(sum(float(np.var(gain, ddof=1)) / len(gain) for gain in gains))
     return sum(float(np.mean(gain)) for gain in gains) > sigmas * float(deviation)
 
 
-def _measure(evidence: Sequence[_Evidence], model: CameraModel, turn_deg: Float64) -> _Values:
+def _measure(scene: _Scene, turn_deg: Float64) -> _Values:
     """Strength of the images at LiDAR edges that are turned by a rotation vector [deg] in camera coordinates."""
-    turned = np.eye(4)
+    turned, model = np.eye(4), scene.model
     turned[:3, :3] = Rotation.from_rotvec(turn_deg, degrees=True).as_matrix()
-    uv, _ = project(model, transform(turned, np.concatenate([found.edges for found in evidence])))
-    scaled, begin = (uv + 0.5) * (WIDTH_PX / model.size_wh[0]) - 0.5, 0
-    of_direction: dict[Direction, list[Float64]] = {}
-    blocks: dict[Direction, list[Float64]] = {}
-    for found in evidence:
-        values = sample_image(found.field, scaled[begin : begin + len(found.edges)])
-        begin += len(values)
-        of_direction.setdefault(found.direction, []).append(values)
-        nums = np.bincount(found.stripes, minlength=_STRIPES)
-        sums, enough = np.bincount(found.stripes, values, minlength=_STRIPES), nums >= _BLOCK_EDGES
-        blocks.setdefault(found.direction, []).append(sums[enough] / nums[enough])
-    score = float(np.mean([np.mean(np.concatenate(own)) for own in of_direction.values()]))
-    return _Values(score, tuple(np.concatenate(own) for own in blocks.values()))
+    strength = []
+    for direction in _DIRECTIONS:
+        own = [np.zeros(0)]
+        for found in scene.of(direction):
+            uv, _ = project(model, transform(turned, found.edges))
+            values = sample_image(found.field, (uv + 0.5) * (WIDTH_PX / model.size_wh[0]) - 0.5)
+            own.append(np.where(in_image(model, uv), values, np.nan))
+        strength.append(np.concatenate(own))
+    return _Values(tuple(strength))
 
 
 def edges_view(sample: Sample, camera: str) -> Pixels:
