@@ -238,8 +238,9 @@ def _noticed_deg(scene: _Scene, line: Sequence[_Values]) -> float | None:
 def _is_clear(scene: _Scene, here: _Values, there: _Values, sigmas: float = MIN_SIGMAS) -> bool:
     """Whether a rotation is better than another, by enough and all over the images: one object alone proves little.
 
-    Edges count that are in the image with both. Directions weigh alike, and in each one the stripes of images are taken
-    as independent: their mean gain has to be larger than several of its standard deviations.
+    Edges count that are in the image with both. The stripes of images are taken as independent: their mean gain has to
+    be larger than several of its standard deviations, in one direction while the other doesn't disagree, or in both
+    together.
     """
     before, after, gains = [], [], []
     for blocks, a, b in zip(scene.blocks, here.strength, there.strength, strict=True):
@@ -252,8 +253,11 @@ def _is_clear(scene: _Scene, here: _Values, there: _Values, sigmas: float = MIN_
     best = _mean_of(after)
     if not gains or best - _mean_of(before) <= MIN_GAIN * best:
         return False
-    deviation = np.sqrt(sum(float(np.var(gain, ddof=1)) / len(gain) for gain in gains))
-    return sum(float(np.mean(gain)) for gain in gains) > sigmas * float(deviation)
+    means = np.array([np.mean(gain) for gain in gains])
+    deviations = np.array([np.std(gain, ddof=1) / np.sqrt(len(gain)) for gain in gains])
+    ratios = means / np.maximum(deviations, 1e-9)
+    together = float(np.sum(means) / max(float(np.sqrt(np.sum(deviations**2))), 1e-9))
+    return bool(np.min(ratios) > -1 and max(together, float(np.max(ratios))) > sigmas)
 
 
 def _measure(scene: _Scene, turn_deg: Float64) -> _Values:
