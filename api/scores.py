@@ -202,7 +202,7 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
         from fbench.metrics.runs.scoring import intervals_of_run
 
         scores = intervals_of_run(run, options, scores, how)
-    latency = json.dumps(summarize(run.timings, run.clock), indent=1, allow_nan=False) + "\n"
+    latency = json.dumps(summarize(run.frame_times, run.compiled_frames, run.clock), indent=1, allow_nan=False) + "\n"
     save_scores(folder / "scores.json", scores)
     replace_text(folder / "latency.json", latency)
     return Run(folder)

@@ -20,7 +20,7 @@ import pandas as pd
 from common import threads, write_drive
 
 from fbench.api.runs import replay
-from fbench.metrics.latency import stage_latency
+from fbench.metrics.latency import stage_latency, warm_up_frames
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import describe_host
 from fbench.replay.setup.request import ReplayRequest
@@ -98,15 +98,16 @@ def run_pipeline(log: Path, pipeline: str, num_threads: int, folder: Path, frame
 
 
 def times(run: Run) -> pd.DataFrame:
-    """Times [ns], a row for each frame but the first, a column for each stage."""
+    """Times [ns], a row for each frame that warmed nothing up, a column for each stage."""
     table = pd.read_parquet(run.folder / "timings.parquet")
-    return table.pivot_table(index="frame", columns="stage", values="ns", fill_value=0).iloc[1:]
+    cold = warm_up_frames(run.frame_times, run.compiled_frames)
+    return table.pivot_table(index="frame", columns="stage", values="ns", fill_value=0).drop(index=sorted(cold))
 
 
 def figures(stages: pd.DataFrame, names: Sequence[str]) -> tuple[float, float]:
     """Median and p99 [ms] of the times [ns] of some stages together."""
     together = [round(ns) for ns in stages[[name for name in names if name in stages]].sum(axis=1)]
-    found = stage_latency("", together, num_first=0)
+    found = stage_latency("", together)
     return found["p50_ms"], found["p99_ms"]
 
 

@@ -115,6 +115,7 @@ def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None])
 def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]]) -> Results:
     """Put all runs together into the thesis's tables."""
     from fbench.metrics.experiment import accuracy_table, condition_table, latency_table, robustness_table
+    from fbench.metrics.latency import count_frames, warm_up_frames
     from fbench.metrics.robustness import ScoredRun
 
     runs = [(drive, result.cell.pipeline, Run(result.folder)) for drive, result in done if result.has_run]
@@ -125,7 +126,8 @@ def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]])
     timings: dict[str, list[dict[str, list[int]]]] = {line.name: [] for line in accuracy.lines}
     for drive, pipeline, run in runs:
         if drive.condition == CLEAR:
-            timings[pipeline].append(run.timings)
+            cold = warm_up_frames(run.frame_times, run.compiled_frames)
+            timings[pipeline].append(count_frames(run.frame_times, cold))
     host, facts, problems = describe_host(), tuple(_facts(experiment, runs)), tuple(_problems(done, runs))
     where = f"{host['cpu']}, {host['cores']} cores"
     note = f"Wall time on {where}; other replays may have run beside it, and it differs from run to run."

@@ -71,6 +71,9 @@ def _content(result: "Survey", faults: "FaultLog") -> dict[str, object]:
             }
             for name, c in sorted(rig.cameras.items())
         },
+        "rig_changes": None
+        if result.rig_changes is None
+        else [{"log_ns": change.log_ns, "sensors": list(change.sensors)} for change in result.rig_changes],
         "uncalibrated": dict(sorted(result.known.problems.items())),
         "truth": result.num_truths,
         "frames": result.num_frames,
@@ -88,7 +91,8 @@ def _print(log: Path, result: "Survey") -> None:
     segments = "segments unknown without reading"
     if result.breaks is not None:
         segments = f"{len(result.breaks) + 1} segments by log time" if result.breaks else "1 segment"
-    say(f"{log}: {(last - first) / 1e9:.1f} s, {frames}, {segments}, {truths}", f"id: {result.info.log_id}")
+    rigs = f", {len(result.rig_changes) + 1} rigs" if result.rig_changes else ""
+    say(f"{log}: {(last - first) / 1e9:.1f} s, {frames}, {segments}{rigs}, {truths}", f"id: {result.info.log_id}")
     parts = [form.form, *(["compression " + ", ".join(form.compression)] if form.compression else [])]
     parts += [] if form.num_blocks is None else [f"{form.num_blocks} chunks"]
     parts += [f"{form.num_bytes / 1e6:.1f} MB", "indexed" if form.is_indexed else "no index"]
@@ -126,6 +130,8 @@ def _notes(result: "Survey", faults: "FaultLog") -> Iterator[str]:
         kinds = Counter(region.kind for region in result.info.regions)
         yield f"{REGIONS}: {', '.join(f'{num} of kind {kind}' for kind, num in sorted(kinds.items())) or 'none'}"
     yield from (f"no calibration: {why}" for why in dict.fromkeys(result.known.problems.values()))
+    if result.rig_changes is None:
+        yield "rigs: whether the calibration changes isn't known without reading"
     yield from (f"new segment by log time: {why}" for why in result.breaks or ())
     yield from fault_lines(faults.rows())
     yield "not verified; see fbench log check"

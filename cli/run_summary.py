@@ -41,7 +41,12 @@ def _show_latency(latency: dict[str, Any]) -> None:
         say("latency is from times of recording in the log, not measured here")
     over, num, budget_ms = latency["over_budget"], latency["frames"], latency["budget_ms"]
     over_budget = f"{over} of {_count(num, 'frame')} over the budget of {budget_ms:g} ms"
-    say(over_budget if num else "the first frame isn't counted, and there is no other")
+    say(over_budget if num else "no frame is left that warmed nothing up, so there is no latency")
+    if latency["warm_up_frames"]:
+        compiled = (
+            f" (in {latency['compiled_frames']} code was compiled or loaded)" if latency["compiled_frames"] else ""
+        )
+        say(f"{_count(latency['warm_up_frames'], 'frame')} of warm-up left out{compiled}")
 
 
 def _status(run: Run) -> list[str]:

@@ -110,11 +110,10 @@ def condition_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> Res
 def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) -> ResultTable:
     """Return the median wall time of each stage, a line for each stage and a column for each configuration.
 
-    `timings` are, for each configuration, of each of its runs the times [ns] by stage, in the order of frames. The
-    first of each stage in each run, which also compiles and loads, doesn't count.
+    `timings` are, for each configuration, of each of its runs the times [ns] by stage, without frames of warm-up.
     """
     times = {
-        name: {stage: [ns for own in runs for ns in own.get(stage, ())[1:]] for run in runs for stage in run}
+        name: {stage: [ns for own in runs for ns in own.get(stage, ())] for run in runs for stage in run}
         for name, runs in timings.items()
     }
     longest_first = sorted(times.values(), key=len, reverse=True)  # has most of them in their order
@@ -123,8 +122,12 @@ def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) 
     for stage in (*stages, _TOTAL):
         figures = []
         for own in times.values():
-            value, num = stage_latency("", own.get(stage, []), 0)["p50_ms"], len(own.get(stage, []))
-            figures.append(Figure(value, None if num else "no such stage", {"frames": num}))
+            value, num = stage_latency("", own.get(stage, []))["p50_ms"], len(own.get(stage, []))
+            figures.append(
+                Figure(
+                    value, None if num else "no such stage" if stage not in own else "no frame is left", {"frames": num}
+                )
+            )
         lines.append(Line(stage, "", tuple(figures)))
     columns = tuple(Column(name, "ms") for name in times)
     return ResultTable("latency", "Latency by stage, median in clear weather, ms", columns, tuple(lines))

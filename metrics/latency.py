@@ -1,30 +1,44 @@
 """Latency of a run: percentiles of each stage and of the whole frame against a budget."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from fbench.replay.data.frames import ClockName
 
+NUM_WARM = 2
+"""So many first frames of each stage don't count: caches, memory and sessions of other libraries are made there."""
 _NS_PER_MS = 1e6
 _WHOLE = "total"
-_EXCLUDED = "the first run of each stage (first_ms), which also compiles, loads and allocates"
+Times = Mapping[str, Mapping[int, int]]
+"""Times [ns] by stage, then by frame; `total` is the whole frame."""
 
 
 def summarize(
-    timings: Mapping[str, Sequence[int]], clock: ClockName = "host", budget_ms: float = 100.0
+    times: Times, compiled: Collection[int] = (), clock: ClockName = "host", budget_ms: float = 100.0
 ) -> dict[str, Any]:
-    """Summarise `Run.timings` for `latency.json`; the whole frame, `total`, is the last stage.
+    """Summarize `Run.frame_times` for `latency.json`; the whole frame, `total`, is the last stage.
 
     Percentiles are by nearest rank: the smallest value that at least p % of the values don't exceed, so each is a
-    time that was measured. Of wall times the first run of each stage is shown apart as `first_ms` and is in no other
-    number; of times from a log all count, as a system that was at work had its first run before the log began.
+    time that was measured. Of wall times a frame counts for nothing where it warmed something up (`warm_up_frames`);
+    the first time of each stage is shown apart as `first_ms`. Of times from a log all count, as a system that was at
+    work was warm before the log began. What no frame is left for is `None`, with a reason.
 
-    `timings` are times [ns] by stage, in the order of frames; `clock` says whose: wall times of this host, or times
-    from a frame's instant to the recording of its result. `budget_ms` is the time that a frame may take.
+    `compiled` are the frames in which code was compiled or loaded; `clock` says whose times they are: wall times of
+    this host, or times from a frame's instant to the recording of its result. `budget_ms` is the time that a frame may
+    take.
     """
-    num_first, stages = 1 if clock == "host" else 0, (*(stage for stage in timings if stage != _WHOLE), _WHOLE)
-    frames = timings.get(_WHOLE, [])[num_first:]
+    is_host = clock == "host"
+    cold = warm_up_frames(times, compiled) if is_host else frozenset[int]()
+    counted, stages = count_frames(times, cold), (*(stage for stage in times if stage != _WHOLE), _WHOLE)
+    frames = counted.get(_WHOLE, [])
     over = sum(ns > budget_ms * _NS_PER_MS for ns in frames)
+    num_compiled = len(cold & set(compiled))
+    rows = [stage_latency(stage, counted.get(stage, [])) for stage in stages]
+    for row in rows:
+        first = next(iter(times.get(row["stage"], {}).values()), None)
+        row["first_ms"] = first / _NS_PER_MS if is_host and first is not None else None
+        if not row["count"]:
+            row["reason"] = "no frame ran it" if first is None else "no frame is left that warmed nothing up"
     return {
         "clock": clock,
         "budget_ms": budget_ms,
@@ -32,21 +46,35 @@ def summarize(
         "over_budget": over,
         "over_budget_share": over / len(frames) if frames else None,
         "percentile_method": "nearest rank",
-        "excluded": _EXCLUDED if num_first else "",
-        "stages": [stage_latency(stage, timings.get(stage, []), num_first) for stage in stages],
+        "warm_up_frames": len(cold),
+        "compiled_frames": num_compiled,
+        "excluded": _describe(len(cold), num_compiled) if is_host else "",
+        "stages": rows,
     }
 
 
-def stage_latency(stage: str, times_ns: Sequence[int], num_first: int = 1) -> dict[str, Any]:
-    """Summarise times [ns] of a stage, in its order, without the first `num_first`, 0 or 1; `None`: no others."""
-    ranked = sorted(times_ns[num_first:])
+def warm_up_frames(times: Times, compiled: Collection[int]) -> frozenset[int]:
+    """Return the frames that tell nothing of the speed of a run: in which code was compiled or loaded, and the first
+    two of each stage.
+    """
+    first = {frame for stage in times.values() for frame in list(stage)[:NUM_WARM]}
+    return frozenset(first | {frame for frame in compiled if any(frame in stage for stage in times.values())})
+
+
+def count_frames(times: Times, cold: Collection[int]) -> dict[str, list[int]]:
+    """Return the times [ns] of each stage without those of some frames."""
+    return {stage: [ns for frame, ns in own.items() if frame not in cold] for stage, own in times.items()}
+
+
+def stage_latency(stage: str, times_ns: Sequence[int]) -> dict[str, Any]:
+    """Summarize times [ns] of a stage; `None`: there are none."""
+    ranked = sorted(times_ns)
     values = {
         f"p{percent}_ms": nearest_rank(ranked, percent) / _NS_PER_MS if ranked else None for percent in (50, 95, 99)
     }
     return {
         "stage": stage,
         "count": len(ranked),
-        "first_ms": times_ns[0] / _NS_PER_MS if num_first and times_ns else None,
         "mean_ms": sum(ranked) / len(ranked) / _NS_PER_MS if ranked else None,
         **values,
         "max_ms": ranked[-1] / _NS_PER_MS if ranked else None,
@@ -57,3 +85,9 @@ def nearest_rank(ranked: Sequence[int], percent: int) -> int:
     """Return the smallest of the ascending, non-empty `ranked` that at least `percent` % of them don't exceed."""
     rank = -(-percent * len(ranked) // 100)
     return ranked[max(rank, 1) - 1]
+
+
+def _describe(num_cold: int, num_compiled: int) -> str:
+    what = f"the first {NUM_WARM} of each stage, and those in which code was compiled or loaded"
+    frames = "1 frame" if num_cold == 1 else f"{num_cold} frames"
+    return f"{frames} of warm-up ({what}: {num_compiled})"

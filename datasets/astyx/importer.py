@@ -16,18 +16,17 @@ import pyarrow as pa
 from pyarrow import csv
 from pydantic import BaseModel, Field, FiniteFloat
 
+from fbench.datasets.astyx.calibration import CAMERA, KINDS, LIDAR, RADAR, read_rigs
 from fbench.datasets.importing import files as importing
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import ImportRequest, file_facts, log_id, read_bytes, require_folder
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth
-from fbench.replay.data.rig import CameraModel, Kind, LogInfo, Rig
+from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.geometry.transforms import yaw_pitch_roll
 
-CAMERA, LIDAR, RADAR = "camera_front", "lidar_vlp16", "radar_6455"
 CALIBRATION, TRUTH = "calibration", "groundtruth_obj3d"
-KINDS: dict[str, Kind] = {CAMERA: "camera", LIDAR: "lidar", RADAR: "radar"}
 VELOCITY_PERIOD_MPS = 10.3936
 """The radar's velocities come in 128 bins of 0.0812 m/s; faster ones alias with this period."""
 GAP_NS = 2_000_000_000
@@ -43,26 +42,6 @@ _LISTED = 20
 _Three = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 _Four = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 _Length = Annotated[FiniteFloat, Field(gt=0)]
-
-
-class CalibData(BaseModel):
-    """Calibration of one sensor; `K` belongs to cameras only."""
-
-    T_to_ref_COS: tuple[_Four, _Four, _Four, _Four]
-    K: tuple[_Three, _Three, _Three] | None = None
-
-
-class Sensor(BaseModel):
-    """One sensor of a calibration file."""
-
-    sensor_uid: str
-    calib_data: CalibData
-
-
-class Calibration(BaseModel):
-    """One file of `calibration/`."""
-
-    sensors: list[Sensor]
 
 
 class Object(BaseModel):
@@ -110,6 +89,7 @@ class AstyxRecording:
         self._frames: list[tuple[int, int]] = []  # Number and stamp [ns] of each
         self._timeless: list[int] = []
         self._turns: list[int] = []  # Frames before which the clock ran backwards
+        self._changes: list[int] = []  # Frames with another calibration than the one before
         self._classes: Counter[str] = Counter()
         self._num_unlabeled = 0
 
@@ -129,33 +109,17 @@ class AstyxRecording:
         return files
 
     @cached_property
+    def _rigs(self) -> Mapping[int, Rig]:
+        """The rig of each frame, of the sensors that have files; read before anything else is."""
+        files = self._files
+        used = [name for name in KINDS if files[name]]
+        frames = {number for paths in files.values() for number in paths}
+        return read_rigs(files[CALIBRATION], files[CAMERA], used, frames, self._request.bad)
+
+    @property
     def rig(self) -> Rig:
-        """Sensors that have files, in the set's reference frame, that of the radar; the calibration must be the same in
-        all frames. Raises LogError naming the first one that differs, isn't rigid or lacks a sensor.
-        """
-        (_, first), *others = sorted(self._files[CALIBRATION].items())
-        calibration = importing.read_json(first, Calibration)
-        for _, path in others:
-            if importing.read_json(path, Calibration) != calibration:
-                why = f"calibration differs from {first.name}, import frames of one calibration at a time"
-                raise LogError(f"{path}: {why}")
-        data = {sensor.sensor_uid: sensor.calib_data for sensor in calibration.sensors}
-        used = [name for name in KINDS if self._files[name]]
-        for name in used:
-            if name not in data:
-                raise LogError(f"{first}: no sensor '{name}'")
-        cameras, mounts = {}, {}
-        if images := self._files[CAMERA]:
-            if data[CAMERA].K is None:
-                raise LogError(f"{first}: {CAMERA}: no K")
-            cameras[CAMERA] = CameraModel(np.array(data[CAMERA].K), read_jpeg(images[min(images)], 0).size_wh)
-        for name in used:
-            matrix = np.array(data[name].T_to_ref_COS)
-            if not importing.is_rotation(matrix[:3, :3]):
-                why = "isn't a rotation, its columns must be orthonormal within 1e-3"
-                raise LogError(f"{first}: {name}: T_to_ref_COS {why}")
-            mounts[name] = importing.mount_of(KINDS[name], matrix)
-        return Rig(mounts, cameras)
+        """That of the first frame. Raises LogError naming the calibration that isn't rigid or lacks a sensor."""
+        return self._rigs[min(self._rigs)]
 
     @cached_property
     def info(self) -> LogInfo:
@@ -177,10 +141,10 @@ class AstyxRecording:
         """About a message a file."""
         return sum(len(paths) for paths in self._files.values())
 
-    def items(self) -> Iterator[Message | Truth]:
-        """All frames that have a LiDAR point."""
-        files, bad = self._files, self._request.bad
-        for number in sorted({number for paths in files.values() for number in paths}):
+    def items(self) -> Iterator[Message | Truth | RigChange]:
+        """All frames that have a LiDAR point; the rig changes where the calibration of a frame isn't the last one."""
+        files, bad, rig = self._files, self._request.bad, self.rig
+        for number, own in self._rigs.items():
             try:
                 sweep = _read_sweep(files[LIDAR][number]) if number in files[LIDAR] else None
             except LogError as error:
@@ -195,6 +159,10 @@ class AstyxRecording:
                 stamp_us += HOUR_US
                 self._turns.append(number)
             self._frames.append((number, stamp_us * 1000))
+            if changed := own.list_changes(rig):
+                yield RigChange(stamp_us * 1000, own, changed)
+                self._changes.append(number)
+                rig = own
             for folder in (CAMERA, LIDAR, RADAR, TRUTH):
                 if number in files[folder]:
                     try:
@@ -210,7 +178,7 @@ class AstyxRecording:
     def _message(self, folder: str, number: int, stamp_ns: int, sweep: Float64) -> Message | Truth:
         path = self._files[folder][number]
         if folder == CAMERA:
-            return read_jpeg(path, stamp_ns, self.rig.cameras[CAMERA].size_wh, number)
+            return read_jpeg(path, stamp_ns, self._rigs[number].cameras[CAMERA].size_wh, number)
         if folder == TRUTH:
             boxes = read_boxes(path)
             truth = Truth(stamp_ns, stamp_ns, boxes, frame_number=number)
@@ -248,6 +216,9 @@ class AstyxRecording:
         expected = (CAMERA, RADAR, CALIBRATION, TRUTH)
         counts = [(folder, sum(number not in files[folder] for number, _ in frames)) for folder in expected]
         lines.append(f"missing files: {', '.join(f'{folder} {num}' for folder, num in counts if num) or 'none'}")
+        if self._changes:
+            numbers = importing.format_list(self._changes, _LISTED)
+            lines.append(f"calibration changes before frames {numbers}: a new segment begins there")
         if self._timeless:
             numbers = importing.format_list(self._timeless, _LISTED)
             lines.append(f"left out, without LiDAR points and so without time: frames {numbers}")

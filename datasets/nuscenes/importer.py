@@ -4,7 +4,7 @@ H. Caesar et al., "nuScenes: A multimodal dataset for autonomous driving", CVPR 
 https://github.com/nutonomy/nuscenes-devkit, `docs/schema_nuscenes.md`.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ import numpy as np
 from fbench.datasets.importing.files import format_counts, format_list, read_floats, read_image
 from fbench.datasets.nuscenes.opened import Excerpt, NuScenesSet, read_scenes
 from fbench.datasets.nuscenes.rows import Scene
-from fbench.datasets.nuscenes.sensors import read_scan, rig_of
+from fbench.datasets.nuscenes.sensors import read_scan, rigs_of
 from fbench.datasets.nuscenes.tables import TABLES, DataRow, PoseRow, open_folder
 from fbench.datasets.nuscenes.truth import LABELS, SceneTruth
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import ImportRequest, describe_params, file_facts, log_id
 from fbench.replay.data.messages import Message, PointCloud, Pose, Truth
-from fbench.replay.data.rig import KINDS, LogInfo, Rig
+from fbench.replay.data.rig import KINDS, LogInfo, Rig, RigChange
 from fbench.replay.geometry.transforms import pose_matrix
 
 REFERENCE = "LIDAR_TOP"
@@ -141,24 +141,36 @@ class NuScenesRecording:
         return LogInfo(scene.name, log_id("nuscenes", facts, self._frames, self._params), metadata)
 
     @cached_property
+    def _rigs(self) -> list[tuple[int, Rig]]:
+        """Those of the chosen part, each with the stamp [us] from which on it holds."""
+        return rigs_of([row for row, _ in self._rows], self._opened.tables, self.name)
+
+    @property
     def rig(self) -> Rig:
-        """Sensors that measured something in the chosen part, and their calibration."""
-        return rig_of([row for row, _ in self._rows], self._opened.tables, self.name)
+        """Sensors that measured something in the chosen part, and their calibration as it begins."""
+        return self._rigs[0][1]
 
     @property
     def num_items(self) -> int:
         """Measurements, as many poses, and truth."""
         return 2 * len(self._rows) + len(self._excerpt.samples)
 
-    def items(self) -> Iterator[Message | Truth]:
-        """Poses, measurements and truth by stamp; at equal stamps in this order, sensors by name."""
+    def items(self) -> Iterator[Message | Truth | RigChange]:
+        """Poses, measurements and truth by stamp; at equal stamps in this order, sensors by name. Before what a changed
+        calibration holds for comes the rig.
+        """
         boxes, truth = self._opened.database.annotations(self._opened.number(self._scene)), None
         if self._opened.is_labeled:
             truth = SceneTruth(boxes, self._excerpt.chain, self._opened.tables, self._bad)
         events = self._events(self._keyframes(), truth is not None)
+        rig, later = self.rig, deque(self._rigs[1:])
         for event in sorted(events, key=lambda event: event[:3]):
+            while later and event.stamp_us >= later[0][0]:
+                stamp_us, new = later.popleft()
+                yield RigChange(stamp_us * 1000, new, new.list_changes(rig))
+                rig = new
             try:
-                item = self._item(event, truth)
+                item = self._item(event, truth, rig)
             except LogError as error:
                 self._bad.report(error)
                 continue
@@ -202,10 +214,10 @@ class NuScenesRecording:
             if key is not None and pose is not None:
                 yield _Event(key.stamp_us, _TRUTH, "", sample, pose)
 
-    def _item(self, event: _Event, truth: SceneTruth | None) -> Message | Truth:
+    def _item(self, event: _Event, truth: SceneTruth | None, rig: Rig) -> Message | Truth:
         row, stamp_ns, number = event.row, event.stamp_us * 1000, event.frame_number
         if isinstance(row, DataRow):
-            message = self._message(row, stamp_ns, number)
+            message = self._message(row, stamp_ns, number, rig)
             (self._num_sweeps if number is None else self._num_keyframes)[event.name] += 1
             return message
         position_m, quaternion = np.array([row.x, row.y, row.z]), np.array([row.qx, row.qy, row.qz, row.qw])
@@ -220,10 +232,10 @@ class NuScenesRecording:
             self._num_with_velocity += int(np.isfinite(boxes.velocity_mps).all(axis=1).sum())
         return Truth(stamp_ns, stamp_ns, boxes, frame_number=number)
 
-    def _message(self, row: DataRow, stamp_ns: int, number: int | None) -> Message:
-        path, name, kind = self._opened.folder.file(row.filename), row.channel, self.rig.mounts[row.channel].kind
+    def _message(self, row: DataRow, stamp_ns: int, number: int | None, rig: Rig) -> Message:
+        path, name, kind = self._opened.folder.file(row.filename), row.channel, rig.mounts[row.channel].kind
         if kind == "camera":
-            return read_image(path, name, stamp_ns, self.rig.cameras[name].size_wh, frame_number=number)
+            return read_image(path, name, stamp_ns, rig.cameras[name].size_wh, frame_number=number)
         if kind == "lidar":
             table = read_floats(path, 5)
             ring = table[:, 4]
@@ -250,6 +262,10 @@ class NuScenesRecording:
         lines.append(f"poses: {self._num_poses}")
         gaps = [f"{name} {format_list(numbers, _LISTED)}" for name, numbers in sorted(self._gaps.items())]
         lines.append(f"samples without a keyframe: {'; '.join(gaps) or 'none'}")
+        if len(self._rigs) > 1:
+            first_us = self._rows[0][0].stamp_us
+            times = format_list((f"{(stamp_us - first_us) / 1e6:.1f} s" for stamp_us, _ in self._rigs[1:]), _LISTED)
+            lines.append(f"calibration changes after {times}: a new segment begins there")
         if self.rig.sensors("radar") and self._params.radar_filter:
             dropped = f"dropped {self._num_dropped} of {self._num_echoes} echoes"
             lines.append(f"radar: the filter {dropped}; --set radar_filter=false keeps them")

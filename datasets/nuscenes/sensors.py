@@ -4,7 +4,8 @@ Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html; fi
 https://github.com/nutonomy/nuscenes-devkit, `RadarPointCloud` in `utils/data_classes.py`.
 """
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -97,24 +98,44 @@ def _read_table(path: Path) -> Array:
     return np.frombuffer(data, dtype, num, begin)
 
 
-def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
-    """Return the sensors that measured something; body coordinates are those of the ego vehicle. Raises LogError where
-    a sensor's calibration or the size of its images changes within the scene, or a camera has no proper intrinsics.
+def rigs_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> list[tuple[int, Rig]]:
+    """Return the rigs of a scene, each with the stamp [us] from which on it holds; the first one holds from 0.
+
+    A rig has the sensors that measured something; body coordinates are those of the ego vehicle. It changes where the
+    calibration of a sensor or the size of its images does, together with all sensors that measure nothing more under
+    their old one: what changes at about one instant is one change. `rows` are in the order of stamps. Raises LogError
+    where a sensor has two calibrations at one stamp, or a camera has no proper intrinsics.
     """
-
-    def setting(row: DataRow) -> tuple[object, ...]:  # What mustn't change; equal calibrations may have several rows
-        own = tables.calibrations[row.calibration]
-        size = (row.width, row.height) if own.camera_intrinsic else (0, 0)
-        return own.translation, own.rotation, own.camera_intrinsic, size
-
-    path, firsts = tables.folder.table("sample_data"), dict[str, DataRow]()
+    last: dict[str, DataRow] = {}
+    held: dict[str, DataRow] = {}  # A row with the calibration that holds, by sensor
+    waiting: dict[str, deque[tuple[int, DataRow]]] = {}  # Later ones, each with the last stamp of the one before
     for row in rows:
-        first = firsts.setdefault(row.channel, row)
-        if setting(row) != setting(first):
-            what = f"calibration or size of {row.channel} changes between '{first.token}' and '{row.token}'"
-            raise LogError(f"{path}: {scene}: {what}; import the parts one by one with --frames")
+        old = last.setdefault(row.channel, row)
+        if _setting(row, tables) != _setting(old, tables):
+            if row.stamp_us == old.stamp_us:
+                what = f"two calibrations of {row.channel} at one stamp, '{old.token}' and '{row.token}'"
+                raise LogError(f"{tables.folder.table('sample_data')}: {scene}: {what}")
+            waiting.setdefault(row.channel, deque()).append((old.stamp_us, row))
+        held.setdefault(row.channel, row)
+        last[row.channel] = row
+    rigs = [(0, _make_rig(held, tables))]
+    while waiting := {name: rest for name, rest in waiting.items() if rest}:
+        now_us = min(rest[0][1].stamp_us for rest in waiting.values())
+        held |= {name: rest.popleft()[1] for name, rest in waiting.items() if rest[0][0] < now_us}
+        rigs.append((now_us, _make_rig(held, tables)))
+    return rigs
+
+
+def _setting(row: DataRow, tables: Tables) -> tuple[object, ...]:
+    """What a rig holds of a sensor; equal calibrations may have several rows."""
+    own = tables.calibrations[row.calibration]
+    size = (row.width, row.height) if own.camera_intrinsic else (0, 0)
+    return own.translation, own.rotation, own.camera_intrinsic, size
+
+
+def _make_rig(held: Mapping[str, DataRow], tables: Tables) -> Rig:
     mounts, cameras = {}, {}
-    for name, row in sorted(firsts.items()):
+    for name, row in sorted(held.items()):
         calibration, kind = tables.calibrations[row.calibration], tables.sensor(row.calibration).modality
         w, x, y, z = calibration.rotation
         mounts[name] = Mount(kind, np.array(calibration.translation), np.array([x, y, z, w]))
@@ -125,6 +146,6 @@ def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
                 raise LogError(f"{tables.folder.table('calibrated_sensor')}: {why}")
             if not (row.width and row.height):
                 why = f"row with token '{row.token}': an image of {row.channel} without width and height"
-                raise LogError(f"{path}: {why}")
+                raise LogError(f"{tables.folder.table('sample_data')}: {why}")
             cameras[name] = CameraModel(K, (row.width, row.height))
     return Rig(mounts, cameras)

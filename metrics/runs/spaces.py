@@ -102,12 +102,15 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     matching = f"iou {options.iou:g}{from_3d}{near}{view}{_limits(options, derived)}"
 
     reason, known = None if labeled.frames else "no truth", run.manifest.rig.cameras
+    unknown = [name for name in images.cameras if name not in known]  # of truth, whose calibration was left out
     bent = [name for name in images.cameras if name in known and not_projectable(known[name]) is not None]
     if not images.cameras:
         is_there = bool(run.manifest.rig.sensors("camera"))
         reason = (reason or "no camera is calibrated") if is_there else "no cameras"
     elif options.regions and not derived:
         reason = "boxes of truth in images have no place in a region"
+    elif unknown and (derived or isinstance(table.boxes, Boxes3D)):
+        reason = f"camera '{unknown[0]}' has no intrinsics"
     elif bent and (derived or isinstance(table.boxes, Boxes3D)):
         reason = f"lens distortion of '{bent[0]}' isn't modeled"
     if reason is None:

@@ -1,6 +1,7 @@
 """Survey of a log from its index where it has one; all times are those at which messages were recorded."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,12 +9,15 @@ import numpy as np
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.messages import BOXES
-from fbench.replay.data.rig import LogInfo
+from fbench.replay.data.rig import LogInfo, RigChange
 from fbench.replay.engine.frame_buffer import SyncParams, choose_reference
 from fbench.replay.logs.codecs.codec import MESSAGES
 from fbench.replay.logs.open import Storage, read_log_times, span_ns, storage
 from fbench.replay.logs.partial_rig import PartialRig, partial_rig
 from fbench.replay.logs.reader import LogReader
+
+_MAX_RIG_MESSAGES = 2000  # Transforms and calibrations are read for changes of the rig, where there are no more of them
+_NO_TIMES: Int64 = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -51,9 +55,10 @@ class Survey:
     streams: tuple[Stream, ...]
     topics: tuple[Topic, ...]
     num_truths: int  # Messages of ground truth
-    span_ns: tuple[int, int] | None  # Log times of the first and the last message
+    span_ns: tuple[int, int] | None  # Log times of the first and the last message but those of the rig
     breaks: tuple[str, ...] | None
-    """Where the reference sensor pauses so long that a new segment begins; `None`: not known without reading."""
+    """Why new segments begin: the reference sensor pauses, or the rig changes; `None`: not known without reading."""
+    rig_changes: tuple[RigChange, ...] | None  # `None`: not known without reading
     num_frames: int  # Messages of the reference sensor, or instants of boxes
 
 
@@ -65,24 +70,25 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
     if by_channel is None and not form.is_indexed:
         by_channel = read_log_times(container)
     span = span_ns(container, by_channel)
+    if by_channel is not None:  # what was cut out of a log has the rig of before, with its times
+        known_kinds = {id_: role.kind for id_, role in reader.roles.items()}
+        measured = {i: t for i, t in by_channel.items() if known_kinds.get(i) not in ("transform", "calibration")}
+        span = span_ns(container, measured) or span
     reference = reference_of(reader, known, params)
     times: dict[str, Int64] = {}
     for id_, role in sorted(reader.roles.items()):
         if by_channel is not None and role.kind in MESSAGES:
-            parts = [times.get(role.sensor, np.zeros(0, np.int64)), by_channel.get(id_, np.zeros(0, np.int64))]
+            parts = [times.get(role.sensor, _NO_TIMES), by_channel.get(id_, _NO_TIMES)]
             times[role.sensor] = np.sort(np.concatenate(parts), kind="stable")
     for name in sorted(reader.parts.keys() & times.keys()):
         times[name] = times[name][:: round(reader.parts[name])]  # of measurements
-    breaks: tuple[str, ...] | None = None
-    if by_channel is not None:
-        steps = np.diff(times.get(reference or "", np.zeros(0, np.int64)))
-        rows = np.flatnonzero(steps > params.max_gap_ns)
-        breaks = tuple(f"gap of {steps[i] / 1e9:.3f} s before frame {i + 1}" for i in rows)
+    changes = reader.rig_changes(_MAX_RIG_MESSAGES)
+    breaks = None if by_channel is None else _find_breaks(times.get(reference or "", _NO_TIMES), changes or (), params)
     kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **known.kinds}
     streams = []
     for name in sorted(kinds):
         if by_channel is not None:
-            streams.append(_describe_stream(name, kinds[name], times.get(name, np.zeros(0, np.int64))))
+            streams.append(_describe_stream(name, kinds[name], times.get(name, _NO_TIMES)))
         else:
             num = reader.num_messages.get(name, 0)
             streams.append(Stream(name, kinds[name], num, None, None, None, _mean_rate(num, span)))
@@ -92,8 +98,19 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
     return Survey(
         reader.info, form, known, reference, tuple(streams), topics_of(reader),
         sum(container.counts.get(id_, 0) for id_, role in reader.roles.items() if role.kind == "truth"), span,
-        breaks, num_frames,
+        breaks, None if changes is None else tuple(changes), num_frames,
     )  # fmt: skip
+
+
+def _find_breaks(log_ns: Int64, changes: Sequence[RigChange], params: SyncParams) -> tuple[str, ...]:
+    """Say why new segments begin, by the times (N,) of the reference sensor: where both are, the rig is the reason."""
+    steps = np.diff(log_ns)
+    why = {int(i) + 1: f"gap of {steps[i] / 1e9:.3f} s" for i in np.flatnonzero(steps > params.max_gap_ns)}
+    for change in changes:
+        frame = int(np.searchsorted(log_ns, change.log_ns))
+        if 0 < frame < len(log_ns):
+            why[frame] = change.reason
+    return tuple(f"{why[frame]} before frame {frame}" for frame in sorted(why))
 
 
 def _describe_stream(sensor: str, kind: str, log_ns: Int64) -> Stream:

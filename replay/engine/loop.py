@@ -4,6 +4,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import NOT_THERE, SyncParams
 from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.warm_up import WarmUp
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs import manifest
 from fbench.replay.runs.digest import START, digest, link
@@ -76,8 +78,8 @@ def replay(
     scores for instance, before it gets its name. Raises ConfigError where the folder exists or can't be written,
     LogError where the log can't be used by this pipeline, RunError where the pipeline keeps failing.
     """
-    with RunWriter(folder, overwrite) as writer:
-        loop = _Loop(reader, plan, faults, writer)
+    with RunWriter(folder, overwrite) as writer, closing(WarmUp()) as warm_up:
+        loop = _Loop(reader, plan, faults, writer, warm_up)
         loop.start()
         for num_frames, frame in enumerate(loop.stream.frames(reader), 1):
             loop.step(frame)
@@ -90,12 +92,12 @@ def replay(
 class _Loop:
     """The state of one replay."""
 
-    def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
-        self._plan, self._faults, self._writer = plan, faults, writer
+    def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter, warm_up: WarmUp) -> None:
+        self._plan, self._faults, self._writer, self._warm_up = plan, faults, writer, warm_up
         params = (plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors, plan.max_between_ns)
         self.stream = FrameStream(reader, *params)
         self._rig, self._info = self.stream.rig, reader.info
-        self._media = MediaKeeper(self._rig, 0 if plan.redact else plan.num_media)
+        self._media = MediaKeeper(0 if plan.redact else plan.num_media)
         self._check = OutputCheck(self._rig)
         self._chain, self._failures = START, 0
         self._num_detections = self._num_tracks = 0
@@ -123,9 +125,10 @@ class _Loop:
 
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
-        start = time.perf_counter_ns()
+        num_compiled, start = self._warm_up.count(), time.perf_counter_ns()
         output, failed = self._run_pipeline(frame)
         total_ns = time.perf_counter_ns() - start
+        compiled = self._warm_up.count() > num_compiled
         stamp, segment = frame.stamp_ns, frame.segment
         results = None if output is None else self._note_tracks(output)
         for sensor in frame.missing:
@@ -142,10 +145,10 @@ class _Loop:
         record = FrameRecord(frame.index, stamp, segment, number, missing, frame_digest, chain, failed)
         stages = {} if output is None else output.stage_ns
         if output is None or output.clock == "host":
-            self._writer.add_frame(record, {**stages, "total": total_ns}, "host")
+            self._writer.add_frame(record, {**stages, "total": total_ns}, "host", compiled)
         else:
             self._writer.add_frame(record, {**stages, "total": sum(stages.values())} if stages else {}, "log")
-        self._media.offer(frame)
+        self._media.offer(self.stream.rig, frame)
 
     def _note_tracks(self, output: Output) -> tuple[Boxes, Boxes]:
         """Return detections and tracks, and remember whether there ever were any."""

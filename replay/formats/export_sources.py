@@ -1,5 +1,6 @@
 """Boxes of logs and runs, read for an export."""
 
+from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -70,8 +71,10 @@ def _match_by_number(truths: Iterable[Truth], reader: LogReader) -> _Matched:
     for pose in reader.body_poses() if reader.poses else ():
         poses.add(pose)
     poses.finish()
-    rig = reader.rig
-    rows = [(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
+    rigs = [(0, reader.rig), *((change.log_ns, change.rig) for change in reader.rig_changes() or ())]
+    begins = [log_ns for log_ns, _ in rigs]
+    held = (rigs[max(0, bisect_right(begins, truth.log_ns) - 1)][1] for truth in ordered)
+    rows = [(i, truth.frame_number, truth, rig) for i, (truth, rig) in enumerate(zip(ordered, held, strict=True))]
     return rows, poses, len(ordered)
 
 

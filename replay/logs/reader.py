@@ -166,6 +166,14 @@ class LogReader:
         """
         return self._events(frozenset(self.container.channels))
 
+    def rig_changes(self, most: int | None = None) -> list[RigChange] | None:
+        """Return where the rig changes; `None` where more than `most` messages would have to be read for it."""
+        changes, counts = self._calibration.changes(), self.container.counts
+        nums = [counts.get(id_) for id_ in sorted(changes.channels)]
+        if most is not None and (None in nums or sum(num or 0 for num in nums) > most):
+            return None
+        return list(changes.all(self.container))
+
     def _events(
         self, channels: frozenset[int], ticks: frozenset[int] = frozenset(), start_ns: int | None = None
     ) -> Iterator[tuple[Entry, Event]]:

@@ -231,6 +231,13 @@ class RigChanges:
                     self._is_new = self._state.take(entry) or self._is_new
             yield from together
 
+    def all(self, container: Container) -> Iterator[RigChange]:
+        """Yield all changes of a log, for which its transforms and calibrations alone are read."""
+        for log_ns, _ in list(self._stored):
+            yield from self.until(log_ns)
+        for entry in self.follow(container.entries(self.channels) if self.channels else ()):
+            yield from self.until(entry.log_ns)
+
     def until(self, log_ns: int) -> Iterator[RigChange]:
         """Yield the change of the rig before a message of log time `log_ns`, where there is one."""
         rig = None

@@ -68,7 +68,7 @@ class RunWriter:
         self.partial = self._draft.path
         self._records: list[FrameRecord] = []
         self._rows: dict[int, int] = {}
-        self._timings = {name: array("q") for name in ("frame", "stage", "ns", "clock")}
+        self._timings = {name: array("q") for name in ("frame", "stage", "ns", "clock", "compiled")}
         self._stages: dict[str, int] = {}
         self._writers: dict[str, BoxWriter] = {}
         self._poses: Float64 | None = None
@@ -88,12 +88,15 @@ class RunWriter:
         """The frames added so far."""
         return self._records
 
-    def add_frame(self, record: FrameRecord, stage_ns: Mapping[str, int], clock: ClockName = "host") -> None:
-        """Append one frame, and how long it took by that clock."""
+    def add_frame(
+        self, record: FrameRecord, stage_ns: Mapping[str, int], clock: ClockName = "host", compiled: bool = False
+    ) -> None:
+        """Append one frame, how long it took by that clock, and whether code was compiled or loaded meanwhile."""
         self._rows[record.index] = len(self._records)
         self._records.append(record)
         for stage, ns in stage_ns.items():
-            row = (record.index, self._stages.setdefault(stage, len(self._stages)), ns, _CLOCKS.index(clock))
+            number = self._stages.setdefault(stage, len(self._stages))
+            row = (record.index, number, ns, _CLOCKS.index(clock), int(compiled))
             for column, value in zip(self._timings.values(), row, strict=True):
                 column.append(value)
 
@@ -141,6 +144,7 @@ class RunWriter:
         for name, texts in (("stage", [*self._stages]), ("clock", _CLOCKS)):
             coded = pa.DictionaryArray.from_arrays(timings[name], pa.array(texts, pa.string()))
             timings[name] = coded.dictionary_decode()
+        timings["compiled"] = timings["compiled"].cast(pa.bool_())
         write_table(self.partial / "timings.parquet", timings)
         save_manifest(self.partial / "manifest.json", manifest)
         complete(self.partial)
@@ -267,14 +271,26 @@ class Run:
         return read_table(self.folder / "timings.parquet")
 
     @cached_property
-    def timings(self) -> dict[str, list[int]]:
-        """Time [ns] of each stage over the frames in which it ran, and `total` of the frames that have one."""
+    def frame_times(self) -> dict[str, dict[int, int]]:
+        """Time [ns] of each stage by the frame in which it ran, in their order, and `total` of those that have one."""
         table = self._timings.filter(pc.equal(self._timings["clock"], self.clock))
-        stages: dict[str, list[int]] = {}
-        for batch in table.select(["stage", "ns"]).to_batches(max_chunksize=_FRAMES_AT_ONCE):
-            for stage, ns in zip(*(column.to_pylist() for column in batch.columns), strict=True):
-                stages.setdefault(str(stage), []).append(int(ns))
+        stages: dict[str, dict[int, int]] = {}
+        for batch in table.select(["stage", "frame", "ns"]).to_batches(max_chunksize=_FRAMES_AT_ONCE):
+            for stage, frame, ns in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+                stages.setdefault(str(stage), {})[int(frame)] = int(ns)
         return stages
+
+    @property
+    def timings(self) -> dict[str, list[int]]:
+        """Times [ns] as in `frame_times`, without the frames."""
+        return {stage: list(times.values()) for stage, times in self.frame_times.items()}
+
+    @cached_property
+    def compiled_frames(self) -> frozenset[int]:
+        """Frames during which code was compiled, or loaded as compiled before; none where the run doesn't say."""
+        if "compiled" not in self._timings.column_names:
+            return frozenset()
+        return frozenset(self._timings.filter(self._timings["compiled"])["frame"].to_pylist())
 
     @cached_property
     def media(self) -> tuple[MediaFrame, ...]:

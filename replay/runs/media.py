@@ -52,20 +52,20 @@ class MediaKeeper:
     Every `stride`-th frame is kept; when there are too many, the stride doubles and every second one goes.
     """
 
-    def __init__(self, rig: Rig, num: int = 8) -> None:
-        self._rig, self._num, self._stride, self._num_offered = rig, num, 1, 0
+    def __init__(self, num: int = 8) -> None:
+        self._num, self._stride, self._num_offered = num, 1, 0
         self._kept: list[MediaFrame] = []
         self.sizes_wh: dict[str, tuple[int, int]] = {}  # Of the first image of each camera that isn't calibrated [px]
 
-    def offer(self, frame: Frame) -> None:
-        """Keep the frame if its turn has come."""
+    def offer(self, rig: Rig, frame: Frame) -> None:
+        """Keep the frame, measured by a rig, if its turn has come."""
         for name, message in frame.messages.items():
-            if isinstance(message, Image) and name not in self._rig.cameras:
+            if isinstance(message, Image) and name not in rig.cameras:
                 self.sizes_wh.setdefault(name, message.size_wh)
         self._num_offered += 1
         if self._num == 0 or (self._num_offered - 1) % self._stride:
             return
-        self._kept.append(keep(self._rig, frame))
+        self._kept.append(keep(rig, frame))
         if len(self._kept) >= 2 * self._num:
             self._kept, self._stride = self._kept[::2], self._stride * 2
 

@@ -37,7 +37,7 @@ class CameraPanel {
     if (ready) ctx.drawImage(image, left, 0, w * fit, h * fit);
     else this.say(image ? "" : "No image of this camera in this frame", width, height);
     if (!frame) return;
-    const model = run.cameras[name] || [w, h];
+    const model = frame.cameras[name] || [w, h];
     this.map = [left, w * fit / model[0], h * fit / model[1]];
     this.labels = new Labels(ctx, width, height);
     if (layers.truth) frame.truth.forEach((box) => this.box("truth", box, name, hover));

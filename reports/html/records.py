@@ -55,6 +55,7 @@ class Stage(_Record):
     p99_ms: float | None = None
     max_ms: float | None = None
     first_ms: float | None = None
+    reason: str | None = None
 
 
 class LatencyTable(_Record):
@@ -68,6 +69,8 @@ class LatencyTable(_Record):
     over_budget_share: float | None = None
     percentile_method: str = ""
     excluded: str = ""
+    warm_up_frames: int = 0
+    compiled_frames: int = 0
     stages: list[Stage]
 
 

@@ -125,13 +125,18 @@ def scenes(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
     clouds: dict[str, int] = {}
     content = []
     for run, label in zip(runs, labels, strict=True):
-        rig, rows = run.manifest.rig, row_numbers(run)
-        shown = [kept for kept in frames_to_show(run) if kept.index in rows]
-        frames = [{"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)} for kept in shown]
-        sizes = {**run.manifest.images, **{name: camera.size_wh for name, camera in rig.cameras.items()}}
+        rows = row_numbers(run)
+        shown = [(kept, rows[kept.index]) for kept in frames_to_show(run) if kept.index in rows]
+        rigs = {row: run.manifest.rig_of(run.frames[row].segment) for _, row in shown}
+        frames = [{"index": row, **_frame(run, rigs[row], kept, pictures, clouds)} for kept, row in shown]
+        sizes = {**dict(run.manifest.images), **_sizes(run.manifest.rig)}
         cameras = {name: list(size) for name, size in sorted(sizes.items())}
         content.append({"label": label, "timeline": timeline(run), "cameras": cameras, "frames": frames})
     return {"runs": content, "pictures": list(pictures), "clouds": list(clouds)}
+
+
+def _sizes(rig: Rig) -> dict[str, list[int]]:
+    return {name: list(camera.size_wh) for name, camera in sorted(rig.cameras.items())}
 
 
 def _store(pool: dict[str, int], content: bytes) -> int:
@@ -159,6 +164,7 @@ def _frame(run: Run, rig: Rig, kept: MediaFrame, pictures: dict[str, int], cloud
         points.append({"sensor": name, "kind": kind, "cloud": _store(clouds, _pack(cloud))})
     return {
         "pictures": {name: _store(pictures, picture.jpeg) for name, picture in sorted(kept.pictures.items())},
+        "cameras": _sizes(rig),
         "clouds": points,
         "labelled": truth is not None,
         "truth": box_rows(truth, rig, cameras),

@@ -12,10 +12,11 @@ from fbench.replay.data.images import Pixels
 from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrap_velocity
 from fbench.replay.geometry.stereo_pairs import pairs, rectify
 from fbench.reports.preview import draw
-from fbench.reports.preview.alignment import align, edges_of, edges_view, stereo_view
+from fbench.reports.preview.alignment import align, edges_of, edges_view
 from fbench.reports.preview.collect import Album, Shown, Verdict
 from fbench.reports.preview.draw import CURVE, of_speed
 from fbench.reports.preview.sample import Material, Sample
+from fbench.reports.preview.stereo import stereo_view
 from fbench.reports.preview.times import Axes, SensorTimes, span_axes, time_panel
 from fbench.reports.preview.views import mounting
 

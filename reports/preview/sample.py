@@ -1,8 +1,9 @@
 """Samples that a preview is drawn from, and edges of depth and brightness in them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,7 +14,7 @@ from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
-from fbench.replay.geometry.transforms import transform
+from fbench.replay.geometry.transforms import inverse, transform
 
 _SPREAD_RAD = (np.radians(0.8), np.radians(0.25))  # How far a neighbor is away at most, in azimuth and altitude
 _STEPS, _MAX_SPREAD_RAD = 1.25, np.radians(2.5)
@@ -21,6 +22,10 @@ _STEPS, _MAX_SPREAD_RAD = 1.25, np.radians(2.5)
 _NEIGHBORS = 8
 _MIN_STEP = 0.06
 _MAX_RANGE_M = 60.0
+_COLUMN_RAD, _RINGS_RAD = np.radians(0.5), (np.radians(0.1), np.radians(3.0))
+"""Width of upright columns of points, and how far apart in altitude the rings of neighbors in a column are."""
+_MIN_RISE_M = 0.4  # Between two rings on the ground is a jump of depth, too, but no edge
+Direction = Literal["upright", "level"]  # Of edges
 
 
 def depth_edges(xyz: Array) -> Array:
@@ -56,18 +61,42 @@ def _spread_rad(angles: Float64) -> float:
     return float(min(max(_SPREAD_RAD[0], _STEPS * step), _MAX_SPREAD_RAD))
 
 
-def edge_strength(pixels: Pixels, width: int) -> Float32:
-    """How near to an upright edge of brightness each pixel is, 0 to 1, of an image scaled to `width` (H, W).
+def level_edges(xyz: Array) -> Float64:
+    """Points (M, 3) [m] on upper edges of what points (N, 3) show, in coordinates of the sensor: half way in altitude
+    between one on the near side and its neighbor above, which is as much farther away as for `depth_edges` and not on
+    the same ground. Rings are degrees apart, and no point lies on the edge itself.
+    """
+    p = np.asarray(xyz, np.float64)
+    distance = np.sqrt(np.sum(p**2, axis=1))
+    rows = np.flatnonzero((distance > 1.0) & (distance < 3 * _MAX_RANGE_M))
+    azimuth = np.arctan2(p[rows, 1], p[rows, 0])
+    altitude = np.arcsin(np.clip(p[rows, 2] / distance[rows], -1, 1))
+    column = np.floor(azimuth / _COLUMN_RAD).astype(np.int64)
+    order = np.lexsort((distance[rows], altitude, column))
+    p, azimuth, altitude, column, distance = (a[order] for a in (p[rows], azimuth, altitude, column, distance[rows]))
+    rise, step, near = np.diff(altitude), np.diff(distance), distance[:-1]
+    is_edge = (np.diff(column) == 0) & (rise > _RINGS_RAD[0]) & (rise < _RINGS_RAD[1]) & (near < _MAX_RANGE_M)
+    is_edge &= (step > np.maximum(1.0, _MIN_STEP * near)) & (np.abs(np.diff(p[:, 2])) > _MIN_RISE_M)
+    i = np.flatnonzero(is_edge)
+    middle = (altitude[i] + altitude[i + 1]) / 2
+    flat = np.cos(middle)
+    ahead = np.stack([flat * np.cos(azimuth[i]), flat * np.sin(azimuth[i]), np.sin(middle)], axis=1)
+    return np.asarray(near[i, None] * ahead, np.float64)
 
-    Upright, since jumps of depth between neighbors in azimuth are; others would only hide them. Edges spread some
-    pixels, so that a calibration that is almost right is better than one that is far off.
+
+def edge_strength(pixels: Pixels, width: int, direction: Direction = "upright") -> Float32:
+    """How near to an edge of brightness in one direction each pixel is, 0 to 1, of an image scaled to `width` (H, W).
+
+    Upright ones go with jumps of depth between neighbors in azimuth, level ones with those in altitude; others would
+    only hide them. Edges spread some pixels, so that a calibration that is almost right is better than one that is far
+    off.
     """
     import cv2
 
     height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
     gray = cv2.cvtColor(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY)
     smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 1.0)
-    strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0))
+    strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, *((1, 0) if direction == "upright" else (0, 1))))
     top = max(float(np.quantile(strength, 0.95)), 1e-3)
     sharp = np.minimum(strength / top, 1).astype(np.float32)
     wide = [cv2.GaussianBlur(sharp, (0, 0), sigma) for sigma in (1.5, 4.0)]
@@ -140,11 +169,19 @@ class Sample:
     @cached_property
     def depth_edges_m(self) -> Float64:
         """Near sides (N, 3) of jumps in depth of all placed LiDARs, in body coordinates [m]."""
+        return self._edges_m(lambda xyz: np.asarray(xyz[depth_edges(xyz)], np.float64))
+
+    @cached_property
+    def level_edges_m(self) -> Float64:
+        """Upper edges (N, 3) that all placed LiDARs show, in body coordinates [m]."""
+        return self._edges_m(level_edges)
+
+    def _edges_m(self, find: Callable[[Float64], Float64]) -> Float64:
+        """Edges that are found in coordinates of each sensor, along its rings."""
         found = [np.zeros((0, 3))]
         for points in self.points_of("lidar"):
-            body_T_sensor, turn = self.rig.body_T_sensor(points.sensor), np.eye(4)
-            turn[:3, :3] = body_T_sensor[:3, :3].T  # jumps are sought along the sensor's rings
-            found.append(points.xyz[depth_edges(transform(turn, points.xyz - body_T_sensor[:3, 3]))])
+            body_T_sensor = self.rig.body_T_sensor(points.sensor)
+            found.append(transform(body_T_sensor, find(transform(inverse(body_T_sensor), points.xyz))))
         return np.concatenate(found)
 
     def points_of(self, kind: Kind) -> list[Points]:

@@ -99,13 +99,14 @@ def test_f1_by_condition():
     assert [f.value for f in table.lines[0].figures] == [pytest.approx(5 / 7.5), pytest.approx(1 / 5.5)]
 
 
-def test_latency_is_the_median_without_each_runs_first():
-    runs = [{"track": [900 * MS, 1 * MS, 2 * MS], "total": [950 * MS, 5 * MS, 6 * MS]}, {"track": [800 * MS, 3 * MS]}]
-    table = latency_table({"lidar3d": runs, "camera2d": [{"total": [1, 7 * MS]}]})
+def test_latency_is_the_median_over_all_runs():
+    runs = [{"track": [1 * MS, 2 * MS], "total": [5 * MS, 6 * MS]}, {"track": [3 * MS]}]
+    table = latency_table({"lidar3d": runs, "camera2d": [{"total": [7 * MS]}], "radar3d": [{"total": []}]})
     assert [line.name for line in table.lines] == ["track", "total"]
-    assert [column.name for column in table.columns] == ["lidar3d", "camera2d"]
-    assert [f.value for f in table.lines[0].figures] == [2.0, None]
-    assert [f.value for f in table.lines[1].figures] == [5.0, 7.0]
+    assert [column.name for column in table.columns] == ["lidar3d", "camera2d", "radar3d"]
+    assert [f.value for f in table.lines[0].figures] == [2.0, None, None]
+    assert [f.value for f in table.lines[1].figures] == [5.0, 7.0, None]
+    assert [f.reason for f in table.lines[1].figures] == [None, None, "no frame is left"]
 
 
 def test_no_runs_give_empty_tables():

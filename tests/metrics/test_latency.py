@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.latency import nearest_rank, stage_latency, summarize
+from fbench.metrics.latency import count_frames, nearest_rank, stage_latency, summarize, warm_up_frames
 
 MS = 1_000_000
 
@@ -19,45 +19,70 @@ def whole(found: dict[str, Any]) -> dict[str, Any]:
     return row
 
 
+def by_frame(*ms: float, first: int = 0) -> dict[int, int]:
+    return {first + i: round(value * MS) for i, value in enumerate(ms)}
+
+
 def test_percentiles_are_measured_values() -> None:
-    found = stage_latency("fuse", [500 * MS, *(i * MS for i in range(100, 0, -1))])
+    found = stage_latency("fuse", [i * MS for i in range(100, 0, -1)])
     assert found == {
-        "stage": "fuse", "count": 100, "first_ms": 500.0, "mean_ms": 50.5,
+        "stage": "fuse", "count": 100, "mean_ms": 50.5,
         "p50_ms": 50.0, "p95_ms": 95.0, "p99_ms": 99.0, "max_ms": 100.0,
     }  # fmt: skip
 
 
-def test_the_first_run_of_a_stage_is_apart() -> None:
-    found = summarize({"detect": [900 * MS, 10 * MS], "total": [1000 * MS, 20 * MS, 30 * MS]})
-    assert [row["stage"] for row in found["stages"]] == ["detect", "total"]
-    assert found["stages"][0]["first_ms"] == 900.0
-    assert found["stages"][0]["max_ms"] == 10.0
-    assert whole(found)["max_ms"] == 30.0
+def test_the_first_two_frames_of_a_stage_count_nowhere() -> None:
+    """The radar is there from frame 3 on: what it warms up in frames 3 and 4 is in no number of the whole frame."""
+    times = {
+        "detect.lidar": by_frame(900, 90, 10, 10, 10, 12, 10),
+        "detect.radar": by_frame(700, 70, 8, 9, first=3),
+        "total": by_frame(1000, 100, 20, 720, 90, 30, 31),
+    }
+    found = summarize(times)
+    assert [row["stage"] for row in found["stages"]] == ["detect.lidar", "detect.radar", "total"]
+    assert [row["first_ms"] for row in found["stages"]] == [900.0, 700.0, 1000.0]
+    assert [(row["count"], row["max_ms"]) for row in found["stages"]] == [(3, 12.0), (2, 9.0), (3, 31.0)]
+    assert (found["frames"], found["over_budget"], found["warm_up_frames"], found["compiled_frames"]) == (3, 0, 4, 0)
 
 
-def test_times_from_a_log_have_no_first_run() -> None:
+def test_frames_in_which_code_was_compiled_count_nowhere() -> None:
+    times = {"track": by_frame(9, 1, 1, 500, 2, 3), "total": by_frame(90, 10, 10, 600, 20, 30)}
+    found = summarize(times, frozenset([0, 3, 77]))
+    assert (found["frames"], found["over_budget"], whole(found)["max_ms"]) == (3, 0, 30.0)
+    assert (found["warm_up_frames"], found["compiled_frames"]) == (3, 2)
+    assert found["excluded"].startswith("3 frames of warm-up (the first 2 of each stage, ")
+    assert warm_up_frames(times, [3]) == {0, 1, 3}
+    assert count_frames(times, [0, 1, 3]) == {"track": [MS, 2 * MS, 3 * MS], "total": [10 * MS, 20 * MS, 30 * MS]}
+
+
+def test_times_from_a_log_have_no_warm_up() -> None:
     """The system was at work before the log began; a stage's name says nothing about whose times they are."""
-    timings = {"recorded": [80 * MS, 81 * MS, 120 * MS], "total": [80 * MS, 81 * MS, 120 * MS]}
-    found = summarize(timings, "log")
+    times = {"recorded": by_frame(80, 81, 120), "total": by_frame(80, 81, 120)}
+    found = summarize(times, [1], "log")
     assert (found["clock"], found["frames"], found["over_budget"], found["excluded"]) == ("log", 3, 1, "")
     assert [(row["count"], row["first_ms"], row["p50_ms"]) for row in found["stages"]] == [(3, None, 81.0)] * 2
-    assert whole(summarize({"total": [80 * MS]}, "log"))["p99_ms"] == 80.0
-    found = summarize(timings)
-    assert (found["clock"], found["frames"], whole(found)["first_ms"]) == ("host", 2, 80.0)
+    assert whole(summarize({"total": by_frame(80)}, clock="log"))["p99_ms"] == 80.0
+    found = summarize(times)
+    assert (found["clock"], found["frames"], whole(found)["first_ms"]) == ("host", 1, 80.0)
 
 
 def test_frames_over_the_budget() -> None:
-    times = [300 * MS, 100 * MS, 100 * MS + 1, 50 * MS, 200 * MS]
+    times = by_frame(300, 200, 100, 100.000001, 50, 200)
     found = summarize({"total": times})
     assert [found[k] for k in ("budget_ms", "frames", "over_budget", "over_budget_share")] == [100.0, 4, 2, 0.5]
     assert summarize({"total": times}, budget_ms=250)["over_budget"] == 0
 
 
-@pytest.mark.parametrize("timings", [{}, {"total": [5 * MS]}, {"total": []}])
-def test_nothing_but_the_first_frame_is_null(timings: dict[str, list[int]]) -> None:
-    found = summarize(timings)
+@pytest.mark.parametrize(
+    ("times", "reason"),
+    [({}, "no frame ran it"), ({"total": by_frame(5, 6)}, "no frame is left that warmed nothing up"),
+     ({"total": {}}, "no frame ran it")],
+)  # fmt: skip
+def test_nothing_but_warm_up_is_null_with_a_reason(times: dict[str, dict[int, int]], reason: str) -> None:
+    found = summarize(times)
     assert whole(found)["count"] == 0
     assert whole(found)["p99_ms"] is None
+    assert whole(found)["reason"] == reason
     assert found["over_budget_share"] is None
     json.dumps(found, allow_nan=False)
 

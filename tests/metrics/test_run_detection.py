@@ -289,6 +289,13 @@ class TestImage:
         assert scores(run, space="iou")["f1"].reason == "lens distortion of 'front' isn't modeled"
         assert counts(run, space="bev") == (1, 0, 0, 0)
 
+    def test_a_camera_of_truth_without_intrinsics_gives_no_scores_in_the_image(self, make_run: MakeRun) -> None:
+        """As where a camera was cut out of a log, and its truth wasn't."""
+        car = boxes3d((10, 0), label="car")
+        run = make_run(Case(car, car, boxes2d((380, 280, 420, 320), label="car")), rig=Rig({}, {}))
+        assert scores(run, space="iou")["f1"].value is None
+        assert scores(run, space="iou")["f1"].reason == "camera 'front' has no intrinsics"
+
     def test_recorded_2d_truth_is_preferred_and_said(self, make_run: MakeRun) -> None:
         box = (100, 100, 200, 200)
         case = Case(boxes2d(box), boxes3d((10, 0), label="car"), boxes2d(box, label="car"))

@@ -170,7 +170,7 @@ class Copying:
         become columns.
         """
         source, waiting = self._source, list(self.rigs)
-        for entry in cut(source.container.entries(self._channels), source.window, source.reader.roles):
+        for entry in cut(source.entries(self._channels), source.window, source.reader.roles):
             item = self._convert(entry)
             while item is not None and waiting and waiting[0].log_ns <= entry.log_ns:
                 yield waiting.pop(0)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import groupby
+from itertools import chain, groupby, takewhile
 
 from fbench.replay.contracts.errors import ConfigError, DataError, DecodeError
 from fbench.replay.data.messages import Image, Message
@@ -183,6 +183,20 @@ class Source:
         if start_ns is not None and window.is_behind(start_ns):
             raise ConfigError(f"range {self.excerpt}: empty; the first measurement is at {first_ns}ns")
         return window
+
+    def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
+        """Entries of some channels up to the end of the log: what is before the window of those that tell the rig, and
+        of all others, which needn't be read, only what is in or behind it.
+        """
+        start_ns, roles = self.window.start_ns, self.reader.roles
+        if start_ns is None:
+            return self.container.entries(channels)
+        kinds = {id_: roles[id_] for id_ in channels if id_ in roles}
+        rig = frozenset(
+            id_ for id_, r in kinds.items() if r.kind == "calibration" or (r.kind == "transform" and r.is_static)
+        )
+        early = takewhile(lambda entry: entry.log_ns < start_ns, self.container.entries(rig) if rig else ())
+        return chain(early, self.container.entries(channels, start_ns))
 
     @property
     def info(self) -> LogInfo:

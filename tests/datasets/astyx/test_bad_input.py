@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tests.datasets.astyx.conftest import CALIBRATION
 
 from fbench.datasets.astyx import Astyx
 from fbench.datasets.importing.run import ImportedLog, import_one
@@ -69,7 +70,7 @@ def test_no_frame_has_a_point(astyx_folder: Path) -> None:
         ("radar_6455/000008.txt", "\nX Y Z V_r Mag\n1 2 3 4\n", r"radar_6455/000008.txt: line 3: expected 5 numbers"),
         ("calibration/000007.json", "{", r"calibration/000007.json: Invalid JSON"),
         ("calibration/000007.json", "{}", r"calibration/000007.json: sensors: Field required"),
-        ("calibration/000010.json", '{"sensors": []}', r"000010.json: calibration differs from 000007.json, import"),
+        ("calibration/000010.json", '{"sensors": []}', r"calibration/000010.json: no sensor 'camera_front'"),
         (OBJECTS, '{"objects": [{}]}', r"obj3d/000008.json: objects.0.classname: Field required"),
         (OBJECTS, "", r"groundtruth_obj3d/000008.json: Invalid JSON"),
         ("camera_front/000008.jpg", "no picture", r"camera_front/000008.jpg: neither a JPEG nor a PNG"),
@@ -147,11 +148,14 @@ def test_what_cannot_be_used_is_skipped_and_counted(
 
 
 def test_a_sequence_without_usable_calibration_fails_alone(astyx_folder: Path) -> None:
-    (astyx_folder / "calibration/000010.json").write_text("[]")
+    for number in (7, 8, 10):
+        (astyx_folder / f"calibration/{number:06d}.json").write_text("[]")
     log, bad = skipping(astyx_folder)
-    assert (log.state, bad.num) == ("failed", 1)
+    assert (log.state, bad.num) == ("failed", 4)
+    assert "no frame has a calibration that can be used" in bad.texts[-1]
     assert not log.path.exists()
-    log, bad = skipping(astyx_folder, FrameRange(0, 10))
+    (astyx_folder / "calibration/000007.json").write_text(json.dumps(CALIBRATION))
+    log, bad = skipping(astyx_folder, FrameRange(0, 8))
     assert (log.state, bad.num) == ("written", 0)
 
 

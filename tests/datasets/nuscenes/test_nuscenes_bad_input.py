@@ -148,7 +148,7 @@ CHANGES = {
         lambda rows: [row.update(width=0) for row in rows["sample_data"]],
         "an image of CAM_FRONT without width and height",
     ),
-    "images of two sizes": (_set("sample_data", 0, "width", 9), "scene-0001: calibration or size of CAM_FRONT changes"),
+    "images of two sizes": (_set("sample_data", 0, "width", 9), "8x6 px, expected 9x6 as the calibration says"),
     "a file outside": (
         _set("sample_data", 0, "filename", "../../etc/passwd"),
         "filename '../../etc/passwd' isn't a name within",

@@ -7,15 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.datasets.nuscenes.conftest import token
 
 from fbench.datasets.importing.run import import_one
 from fbench.datasets.nuscenes import NuScenes, NuScenesParams
+from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import FrameRange, ImportRequest
 from fbench.replay.contracts.testing import check_importer
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
-from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.logs.open import open_log
 
 START_NS = 1_532_402_927_000_000_000
@@ -29,12 +31,12 @@ class Log:
     summary: list[str]
     info: LogInfo
     rig: Rig
-    messages: list[Message]
+    messages: list[Message | RigChange]
     truths: list[Truth]
     data: bytes
 
     def of(self, sensor: str) -> list[Message]:
-        return [message for message in self.messages if message.sensor == sensor]
+        return [m for m in self.messages if not isinstance(m, RigChange) and m.sensor == sensor]
 
     def boxes(self, sample: int) -> Boxes3D:
         return next(truth.boxes3d for truth in self.truths if truth.frame_number == sample)
@@ -307,3 +309,53 @@ def test_summary(nuscenes) -> None:
 
 def test_the_importer_keeps_what_its_protocol_promises(nuscenes) -> None:
     check_importer(NuScenes, nuscenes.root)
+
+
+def _recalibrate(nuscenes, channels: dict[str, int]) -> None:
+    """Give sensors another calibration, 1 m farther ahead, from these stamps [ms] on."""
+    for channel, from_ms in channels.items():
+        old = nuscenes.row("calibrated_sensor", token=token("calibration", channel))
+        x, y, z = old["translation"]
+        new, moved = token("new", channel), {**old, "translation": [x + 1, y, z]}
+        nuscenes.add("calibrated_sensor", new, **{k: v for k, v in moved.items() if k != "token"})
+        for row in nuscenes.rows["sample_data"]:
+            since_us = row["timestamp"] - START_NS // 1000
+            if row["calibrated_sensor_token"] == old["token"] and since_us >= 1000 * from_ms:
+                row["calibrated_sensor_token"] = new
+    nuscenes.write()
+
+
+def test_calibrations_that_change_within_a_scene_change_the_rig(nuscenes) -> None:
+    """Sensors that change between the same two of their messages change at once, others when they measure again."""
+    before = imported(nuscenes.root)
+    stamps_ms = {name: ms_of(before.of(name)) for name in ("CAM_FRONT", "LIDAR_TOP", "RADAR_FRONT")}
+    _recalibrate(nuscenes, {"CAM_FRONT": 950, "LIDAR_TOP": 950, "RADAR_FRONT": 3000})
+    log = imported(nuscenes.root)
+    first = min(ms for name in ("CAM_FRONT", "LIDAR_TOP") for ms in stamps_ms[name] if ms >= 950)
+    radar = min(ms for ms in stamps_ms["RADAR_FRONT"] if ms >= 3000)
+    changes = [event for event in log.messages if isinstance(event, RigChange)]
+    assert [((c.log_ns - START_NS) // MS, c.sensors) for c in changes] == [
+        (first, ("CAM_FRONT", "LIDAR_TOP")),
+        (radar, ("RADAR_FRONT",)),
+    ]
+    x_m: dict[str, list[float]] = {}
+    rig = log.rig
+    for event in log.messages:
+        if isinstance(event, RigChange):
+            rig = event.rig
+        elif event.sensor in stamps_ms:
+            x_m.setdefault(event.sensor, []).append(rig.mounts[event.sensor].translation_m[0])
+    old = {"CAM_FRONT": (1.5, 950), "LIDAR_TOP": (1.0, 950), "RADAR_FRONT": (3.0, 3000)}
+    assert x_m == {name: [x + (ms >= at) for ms in stamps_ms[name]] for name, (x, at) in old.items()}
+    assert any(line.startswith("calibration changes after ") for line in log.summary)
+
+
+def test_two_calibrations_at_one_stamp_are_refused(nuscenes) -> None:
+    row = nuscenes.row("sample_data", calibrated_sensor_token=token("calibration", "LIDAR_TOP"))
+    _recalibrate(nuscenes, {"LIDAR_TOP": 10**9})
+    nuscenes.rows["sample_data"].append(
+        {**row, "token": "twin", "calibrated_sensor_token": token("new", "LIDAR_TOP"), "is_key_frame": False}
+    )
+    nuscenes.write()
+    with pytest.raises(LogError, match="scene-0001: two calibrations of LIDAR_TOP at one stamp"):
+        imported(nuscenes.root)

@@ -8,7 +8,7 @@ from tests.reports.preview.street import FORWARD, sample, street_rig
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.stereo_pairs import pairs, rectify
-from fbench.reports.preview.alignment import stereo_view
+from fbench.reports.preview.stereo import stereo_view
 
 
 def texture(shift, depth_m, K, size):

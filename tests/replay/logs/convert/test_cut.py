@@ -5,8 +5,9 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from mcap_protobuf.writer import Writer
 from tests.replay.logs import builders as b
-from tests.replay.logs.convert.helpers import content, converted, digest, messages
+from tests.replay.logs.convert.helpers import content, conversion, converted, digest, messages
 from tests.replay.logs.convert.test_round_trip import changing, rig
+from tests.replay.logs.other_forms import chunks
 from tests.replay.logs.test_foreign import calibration, edge, packed
 
 from fbench.replay.contracts.errors import ConfigError
@@ -14,6 +15,20 @@ from fbench.replay.data.rig import RigChange
 
 START = 1_000_000_000
 FORMS = ["out.mcap", "out.parquet"]
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_what_is_before_a_cut_isnt_read(tmp_path, name):
+    """Apart from its beginning, which has the rig: so a part of a large log takes as long as the part is."""
+    whole = b.write(tmp_path / "whole.mcap", b.sequence(60), chunk_size=3000)
+    good = converted(whole, tmp_path / f"good-{name}", start="1.5")
+    data, places = bytearray(whole.read_bytes()), chunks(whole.read_bytes())
+    for at, length in places[len(places) // 6 : len(places) // 3]:
+        data[at + 60 : at + length] = bytes(length - 60)
+    whole.write_bytes(data)
+    assert digest(converted(whole, tmp_path / name, start="1.5")) == digest(good)
+    _, faults = conversion(whole, tmp_path / f"all-{name}")
+    assert faults.num_lost
 
 
 @pytest.mark.parametrize("name", FORMS)
