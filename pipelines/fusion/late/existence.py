@@ -1,6 +1,6 @@
 """Existence of objects: by the sensors that see them and those that should and don't."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,9 +41,12 @@ class FusionParams(CheckedParams, prefix="fusion"):
     """Times how far the IoU of an object that LiDAR places, projected, with the camera's box is above 0.5: what it adds
     to the log-odds."""
     lidar_weight: float = in_range(1.0, 0, 1)
-    """How far a LiDAR cluster's score is believed [0 to 1] where it is a probability (`lidar.judge=model`)."""
+    """How far a LiDAR cluster's score is believed [0 to 1] where the model gives it (`lidar.judge=model` or `both`)."""
+    lidar_power: float | None = in_range(None, 0.1, 10)
+    """Power of such a score that is believed; none: 1 where the model alone judges, 3 where rules do, too: on real roads
+    only what is nearly sure by both is a road user as often as that says."""
     ruled_weight: float = in_range(0.5, 0, 1)
-    """The same where rules give it: what looks like a car by them is often something else."""
+    """How far a score is believed where rules alone give it: what looks like a car by them is often something else."""
     radar_weight: float = in_range(0.8, 0, 1)  # How far the score of moving echoes is believed [0 to 1].
     standing_weight: float = in_range(0.19, 0, 1)
     """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
@@ -113,9 +116,21 @@ def probabilities(evidence: Evidence, sensors: SensorReliability, params: Fusion
     return _probabilities(evidence, witnesses, sensors, params)
 
 
-def lidar_weight(lidar: Clusters, params: FusionParams) -> float:
-    """How far the scores of LiDAR clusters are believed: those by rules, which come without labels, are less."""
-    return params.ruled_weight if lidar.boxes.label is None else params.lidar_weight
+_POOLED_POWER = 3.0
+
+
+def resolve_power(params: FusionParams, judge: str | None) -> FusionParams:
+    """Return parameters that say how scores of LiDAR clusters that were judged so are believed."""
+    if params.lidar_power is not None:
+        return params
+    return replace(params, lidar_power=_POOLED_POWER if judge == "both" else 1.0)
+
+
+def believe_lidar(lidar: Clusters, params: FusionParams) -> Float64:
+    """Probabilities (K,) for which scores of LiDAR clusters stand; those by rules come without labels."""
+    if lidar.boxes.label is None:
+        return params.ruled_weight * lidar.score
+    return np.asarray(params.lidar_weight * lidar.score ** (params.lidar_power or 1.0), np.float64)
 
 
 def _probabilities(
@@ -172,10 +187,10 @@ def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: F
 def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams) -> Witness:
     lidar, eye = evidence.observations.lidar, evidence.observations.lidar_eye_m
     at = np.array([g.lidar for g in evidence.associations], np.int64)
-    seen, score, points = at >= 0, np.append(lidar.score, 0.0)[at], np.append(lidar.num_points, 0.0)[at]
+    seen, points = at >= 0, np.append(lidar.num_points, 0.0)[at]
     # A cluster that is cut says nothing about its parts' shape.
     whole = np.array([not g.is_cut for g in evidence.associations])
-    score = lidar_weight(lidar, params) * np.where(whole, score, 0.0)
+    score = np.where(whole, np.append(believe_lidar(lidar, params), 0.0)[at], 0.0)
     confirmed = params.confirmed_lidar * saturate(points, params.full_points)
     dense = 1 / (1 + (evidence.distance_m / params.lidar_half_m) ** 4)
     could = dense * _open_shares(evidence, eye, lidar.all_xyz, obstacles, params)

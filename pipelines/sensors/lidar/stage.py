@@ -237,7 +237,8 @@ class LidarStage:
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, resolve_judge(params, log_info)
-        self.labeled = self._params.judge != "rules"  # Whether boxes have labels
+        self.judge = self._params.judge
+        self.labeled = self.judge != "rules"  # Whether boxes have labels
         own = settings.own("lidar", params, OWN)
         self._ranges_m = {name: (p.min_range_m, p.max_range_m or np.inf) for name, p in own.items()}
         self._own = Outline(params.ego_front_m, params.ego_rear_m, params.ego_side_m)
