@@ -57,7 +57,7 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     points_factor: float = in_range(1.6, 1, 1000)
     """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
     object themselves; nearer to 1 for few."""
-    measured_share: float = in_range(0.2, 0, 1)
+    measured_share: float = in_range(0.1, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
     weak_measured_share: float = in_range(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
     unseen_by_camera: float = in_range(0.1, 0, 1)
@@ -66,8 +66,8 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     camera_size_px: float = in_range(40.0, 0.1, 1e5)
     """Of objects whose box has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this)."""
     unseen_by_rays: float = in_range(0.25, 0, 1)
-    """The same for LiDAR, where its rays go on behind the object. Radar says nothing by that: its echoes are too poor in
-    angle, and come from under and over a vehicle, too."""
+    """The same for LiDAR, where its rays go on behind the object. Radar says nothing by that: its echoes are too poor
+    in angle, and come from under and over a vehicle, too."""
     through: float = in_range(0.6, 0, 1)
     """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
     min_score: float = in_range(0.5, 0, 1)  # Objects that are less likely are dropped.
@@ -315,8 +315,8 @@ def _score(
 
 
 def _goes_through(view: ImageView, box: Float64, depth_m: float, std: float, share: float) -> bool:
-    """Whether most rays of a LiDAR in a box go on behind the object, so that it isn't there; `std` is the relative error
-    of its depth.
+    """Whether most rays of a LiDAR in a box go on behind the object, so that it isn't there; `std` is the relative
+    error of its depth.
     """
     if Source.L not in view.rays or np.isnan(depth_m):
         return False

@@ -40,13 +40,9 @@ class FusionParams(CheckedParams, prefix="fusion"):
     overlap: float = in_range(3.0, 0, 100)
     """Times how far the IoU of an object that LiDAR places, projected, with the camera's box is above 0.5: what it adds
     to the log-odds."""
-    lidar_weight: float = in_range(1.0, 0, 1)
-    """How far a LiDAR cluster's score is believed [0 to 1] where the model gives it (`lidar.judge=model` or `both`)."""
-    lidar_power: float | None = in_range(None, 0.1, 10)
-    """Power of such a score that is believed; none: 1 where the model alone judges, 3 where rules do, too: on real roads
-    only what is nearly sure by both is a road user as often as that says."""
-    ruled_weight: float = in_range(0.5, 0, 1)
-    """How far a score is believed where rules alone give it: what looks like a car by them is often something else."""
+    lidar_weight: float | None = in_range(None, 0, 1)
+    """How far a LiDAR cluster's score is believed [0 to 1]; none: 1 where the model alone judges (`lidar.judge`), else
+    0.5: what rules take for a car is often something else."""
     radar_weight: float = in_range(0.8, 0, 1)  # How far the score of moving echoes is believed [0 to 1].
     standing_weight: float = in_range(0.19, 0, 1)
     """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
@@ -60,7 +56,7 @@ class FusionParams(CheckedParams, prefix="fusion"):
     objects [0 to 1]: most of it are mirrored images, or aren't there."""
     full_points: float = in_range(8.0, 0.1, 1e6)  # Of n points 1 - exp(-n / this) of that is believed.
     camera_height_px: float = in_range(12.0, 0.1, 10_000)  # Height [px] at which a camera sees every second object.
-    lidar_half_m: float = in_range(40.0, 1, 1e6)
+    lidar_half_m: float = in_range(25.0, 1, 1e6)
     """Distance [m] at which every second object has enough LiDAR points to be found."""
     max_range_m: float = in_range(60.0, 1, 1000)  # LiDAR and radar aren't expected to see farther objects [m].
     max_detection: float = in_range(0.95, 0, 1)  # No sensor sees more than this share of what it could [0 to 1].
@@ -116,21 +112,20 @@ def probabilities(evidence: Evidence, sensors: SensorReliability, params: Fusion
     return _probabilities(evidence, witnesses, sensors, params)
 
 
-_POOLED_POWER = 3.0
+_RULED_WEIGHT = 0.5
 
 
-def resolve_power(params: FusionParams, judge: str | None) -> FusionParams:
-    """Return parameters that say how scores of LiDAR clusters that were judged so are believed."""
-    if params.lidar_power is not None:
+def resolve_weight(params: FusionParams, judge: str | None) -> FusionParams:
+    """Return parameters that say how far scores of LiDAR clusters that were judged so are believed."""
+    if params.lidar_weight is not None:
         return params
-    return replace(params, lidar_power=_POOLED_POWER if judge == "both" else 1.0)
+    return replace(params, lidar_weight=1.0 if judge == "model" else _RULED_WEIGHT)
 
 
 def believe_lidar(lidar: Clusters, params: FusionParams) -> Float64:
-    """Probabilities (K,) for which scores of LiDAR clusters stand; those by rules come without labels."""
-    if lidar.boxes.label is None:
-        return params.ruled_weight * lidar.score
-    return np.asarray(params.lidar_weight * lidar.score ** (params.lidar_power or 1.0), np.float64)
+    """Probabilities (K,) for which scores of LiDAR clusters stand."""
+    weight = _RULED_WEIGHT if params.lidar_weight is None else params.lidar_weight
+    return np.asarray(weight * lidar.score, np.float64)
 
 
 def _probabilities(

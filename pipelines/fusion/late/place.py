@@ -80,8 +80,9 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
     estimates = [] if shape is None else [_estimate(shape.xy_m, shape.yaw_rad, *shape.std_m.tolist())]
     alone = group.lidar < 0 and group.radar < 0
     for i, s in zip(group.cameras, cameras, strict=True):
-        measured = (seen.standing_m[i], params.standing_std_m), (seen.obstacle_m[i], params.lidar_std_m)
-        estimates.append(_camera_estimate(s, measured if alone else (), params))
+        measured = [] if group.lidar >= 0 else [(seen.obstacle_m[i], params.lidar_std_m)]
+        measured += [(seen.standing_m[i], params.standing_std_m)] if alone else []
+        estimates.append(_camera_estimate(s, measured, params))
     size, yaw = _size_and_yaw(shape, cameras, radar_box)
     if radar_box is not None:
         # Only LiDAR's class says how long it is: what cameras call a truck may be a van.
