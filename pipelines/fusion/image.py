@@ -57,7 +57,7 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     points_factor: float = in_range(1.6, 1, 1000)
     """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
     object themselves; nearer to 1 for few."""
-    measured_share: float = in_range(0.2, 0, 1)
+    measured_share: float = in_range(0.1, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
     weak_measured_share: float = in_range(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
     unseen_by_camera: float = in_range(0.1, 0, 1)
@@ -66,7 +66,8 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     camera_size_px: float = in_range(40.0, 0.1, 1e5)
     """Of objects whose box has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this)."""
     unseen_by_rays: float = in_range(0.25, 0, 1)
-    """The same for LiDAR and radar, where their rays go on behind the object."""
+    """The same for LiDAR, where its rays go on behind the object. Radar says nothing by that: its echoes are too poor
+    in angle, and come from under and over a vehicle, too."""
     through: float = in_range(0.6, 0, 1)
     """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
     min_score: float = in_range(0.5, 0, 1)  # Objects that are less likely are dropped.
@@ -235,8 +236,9 @@ def _object(
             found[kind] = one
     measured = [kind for kind in (Source.L, Source.R) if kind in of]
     depth = seen.depth_m[of[measured[0]]] if measured else next((e.depth_m for e in found.values()), np.nan)
+    depth_std = 0.0
     if np.isnan(depth):
-        depth = seen.depth_m[shown]
+        depth, depth_std = seen.depth_m[shown], float(seen.depth_std[shown])
     box: Float64 = seen.xyxy_px[shown]
     upright = [of[kind] for kind in measured if seen.upright[of[kind]]]
     if upright and Source.C in of:  # drawn toward the outline of the points, the more the less the camera is sure
@@ -254,7 +256,7 @@ def _object(
     return ImageObject(
         xyxy_px=box,
         label=str(seen.label[shown]),
-        score=_score(view, of, found, box, depth, camera_share, params),
+        score=_score(view, of, found, box, depth, depth_std, camera_share, params),
         distance_m=seen.distance_m[of[measured[0]]] if measured else _distance_m(view, box, depth),
         rate_mps=rate,
         sources=sum(int(kind) for kind in {*of, *found}),
@@ -288,6 +290,7 @@ def _score(
     found: Mapping[Source, PointEvidence],
     box: Float64,
     depth: float,
+    depth_std: float,
     camera_share: float,
     params: ImageFusionParams,
 ) -> float:
@@ -306,17 +309,21 @@ def _score(
             factor[kind] = max(factor[kind], 1.0)  # odd shapes say nothing against what a camera is sure of
         elif kind in found:
             factor[kind] = params.points_factor ** found[kind].strength
-        elif kind not in of and _goes_through(view, kind, box, depth, params.through):
+        elif kind is Source.L and kind not in of and _goes_through(view, box, depth, depth_std, params.through):
             factor[kind] = params.unseen_by_rays
     return combine_factors(params.prior, factor.values())
 
 
-def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, share: float) -> bool:
-    """Whether most rays of a sensor in a box go on behind the object, so that it isn't there."""
-    if kind not in view.rays or np.isnan(depth_m):
+def _goes_through(view: ImageView, box: Float64, depth_m: float, std: float, share: float) -> bool:
+    """Whether most rays of a LiDAR in a box go on behind the object, so that it isn't there; `std` is the relative
+    error of its depth.
+    """
+    if Source.L not in view.rays or np.isnan(depth_m):
         return False
-    depths = view.rays[kind].depths(box)
-    return len(depths) >= _LEAST_RAYS and stage.share_beyond(depths, depth_m - _BEFORE_M, depth_m + _BEHIND_M) > share
+    depths, reach = view.rays[Source.L].depths(box), float(np.exp(_GATE * std))
+    if len(depths) < _LEAST_RAYS:
+        return False
+    return stage.share_beyond(depths, depth_m / reach - _BEFORE_M, depth_m * reach + _BEHIND_M) > share
 
 
 def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:

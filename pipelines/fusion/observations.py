@@ -33,12 +33,12 @@ class AssociationParams(CheckedParams, prefix="fusion.association"):
     have nothing to do with each other, of which there is one in so many square meters.
     """
 
-    lidar_area_m2: float = in_range(100.0, 0.01, 1e6)
+    lidar_area_m2: float = in_range(300.0, 0.01, 1e6)
     """Area [m²] in which one cluster of LiDAR points that is no part of the object is expected."""
     radar_area_m2: float = in_range(2000.0, 0.01, 1e6)  # The same for a cluster of radar echoes.
     camera_area_m2: float = in_range(500.0, 0.01, 1e6)  # The same for what another camera sees.
     edge_std_px: float = in_range(1.5, 0, 1000)  # Error of the edges of a camera's box [px].
-    tilt_std_rad: float = in_range(0.004, 1e-6, 1)
+    tilt_std_rad: float = in_range(0.008, 1e-6, 1)
     """Error of the ground's tilt against the camera [rad], for distances from the lower edge of a camera's box."""
     min_range_std: float = in_range(0.09, 0.001, 10)  # Least relative error of distances guessed from the image.
     bearing_std_rad: float = in_range(0.01, 1e-4, 1)

@@ -56,7 +56,7 @@ class AgreementParams(CheckedParams, prefix="fusion.agreement"):
     camera: float = in_range(0.8, 0, 1)
     """Share of the objects in view that a camera is expected to see before anything is known."""
     lidar: float = in_range(0.9, 0, 1)  # The same of LiDAR.
-    radar: float = in_range(0.4, 0, 1)  # The same of radar, which sees what moves.
+    radar: float = in_range(0.25, 0, 1)  # The same of radar, which sees what moves.
     weight: float = in_range(4.0, 0.01, 1e6)  # So many objects make what was seen weigh as much as the expectation.
     frames: float = in_range(30.0, 0.1, 1e6)  # After so many frames what was seen counts 1/e.
     band_m: float = in_range(15.0, 0.1, 1000)  # Width of the bands of distance [m]; the fourth has no end.

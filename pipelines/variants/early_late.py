@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 from fbench.pipelines.fusion.early.cloud import DepthStage, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
-from fbench.pipelines.fusion.late.existence import FusionParams
+from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
@@ -213,7 +213,7 @@ class Late3D(FusionPipeline[Boxes3D]):
 
     def __init__(self, params: Late3DParams = Late3DParams()) -> None:
         super().__init__(params, params.fusion.camera_share, Tracker3D(params.tracking))
-        self._params, self._fusion = params, LateFusion(params.fusion)
+        self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig. Raises LogError where it has no LiDAR or radar, or a camera that is to be used
@@ -224,6 +224,7 @@ class Late3D(FusionPipeline[Boxes3D]):
         self._start_cameras(rig, log_info, settings)
         self._lidar = LidarStage(rig, log_info, self._params.lidar, settings)
         self._radar = RadarStage(rig, log_info, self._params.radar, settings)
+        self._fusion = LateFusion(resolve_weight(self._params.fusion, self._lidar.judge))
         self._remember(self._fusion, self._lidar)
         super().start(rig, log_info)
 

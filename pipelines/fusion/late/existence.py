@@ -1,6 +1,6 @@
 """Existence of objects: by the sensors that see them and those that should and don't."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,10 +40,9 @@ class FusionParams(CheckedParams, prefix="fusion"):
     overlap: float = in_range(3.0, 0, 100)
     """Times how far the IoU of an object that LiDAR places, projected, with the camera's box is above 0.5: what it adds
     to the log-odds."""
-    lidar_weight: float = in_range(1.0, 0, 1)
-    """How far a LiDAR cluster's score is believed [0 to 1] where it is a probability (`lidar.judge=model`)."""
-    ruled_weight: float = in_range(0.5, 0, 1)
-    """The same where rules give it: what looks like a car by them is often something else."""
+    lidar_weight: float | None = in_range(None, 0, 1)
+    """How far a LiDAR cluster's score is believed [0 to 1]; none: 1 where the model alone judges (`lidar.judge`), else
+    0.5: what rules take for a car is often something else."""
     radar_weight: float = in_range(0.8, 0, 1)  # How far the score of moving echoes is believed [0 to 1].
     standing_weight: float = in_range(0.19, 0, 1)
     """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
@@ -57,7 +56,7 @@ class FusionParams(CheckedParams, prefix="fusion"):
     objects [0 to 1]: most of it are mirrored images, or aren't there."""
     full_points: float = in_range(8.0, 0.1, 1e6)  # Of n points 1 - exp(-n / this) of that is believed.
     camera_height_px: float = in_range(12.0, 0.1, 10_000)  # Height [px] at which a camera sees every second object.
-    lidar_half_m: float = in_range(40.0, 1, 1e6)
+    lidar_half_m: float = in_range(25.0, 1, 1e6)
     """Distance [m] at which every second object has enough LiDAR points to be found."""
     max_range_m: float = in_range(60.0, 1, 1000)  # LiDAR and radar aren't expected to see farther objects [m].
     max_detection: float = in_range(0.95, 0, 1)  # No sensor sees more than this share of what it could [0 to 1].
@@ -113,9 +112,20 @@ def probabilities(evidence: Evidence, sensors: SensorReliability, params: Fusion
     return _probabilities(evidence, witnesses, sensors, params)
 
 
-def lidar_weight(lidar: Clusters, params: FusionParams) -> float:
-    """How far the scores of LiDAR clusters are believed: those by rules, which come without labels, are less."""
-    return params.ruled_weight if lidar.boxes.label is None else params.lidar_weight
+_RULED_WEIGHT = 0.5
+
+
+def resolve_weight(params: FusionParams, judge: str | None) -> FusionParams:
+    """Return parameters that say how far scores of LiDAR clusters that were judged so are believed."""
+    if params.lidar_weight is not None:
+        return params
+    return replace(params, lidar_weight=1.0 if judge == "model" else _RULED_WEIGHT)
+
+
+def believe_lidar(lidar: Clusters, params: FusionParams) -> Float64:
+    """Probabilities (K,) for which scores of LiDAR clusters stand."""
+    weight = _RULED_WEIGHT if params.lidar_weight is None else params.lidar_weight
+    return np.asarray(weight * lidar.score, np.float64)
 
 
 def _probabilities(
@@ -172,10 +182,10 @@ def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: F
 def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams) -> Witness:
     lidar, eye = evidence.observations.lidar, evidence.observations.lidar_eye_m
     at = np.array([g.lidar for g in evidence.associations], np.int64)
-    seen, score, points = at >= 0, np.append(lidar.score, 0.0)[at], np.append(lidar.num_points, 0.0)[at]
+    seen, points = at >= 0, np.append(lidar.num_points, 0.0)[at]
     # A cluster that is cut says nothing about its parts' shape.
     whole = np.array([not g.is_cut for g in evidence.associations])
-    score = lidar_weight(lidar, params) * np.where(whole, score, 0.0)
+    score = np.where(whole, np.append(believe_lidar(lidar, params), 0.0)[at], 0.0)
     confirmed = params.confirmed_lidar * saturate(points, params.full_points)
     dense = 1 / (1 + (evidence.distance_m / params.lidar_half_m) ** 4)
     could = dense * _open_shares(evidence, eye, lidar.all_xyz, obstacles, params)

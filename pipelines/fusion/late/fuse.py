@@ -9,7 +9,7 @@ import numpy as np
 from fbench.pipelines.fusion import observations
 from fbench.pipelines.fusion.kernels import count_near
 from fbench.pipelines.fusion.late.association import Association, associate
-from fbench.pipelines.fusion.late.existence import Evidence, FusionParams, lidar_weight, probabilities
+from fbench.pipelines.fusion.late.existence import Evidence, FusionParams, believe_lidar, probabilities
 from fbench.pipelines.fusion.late.place import FusedObject, Observations, place
 from fbench.pipelines.fusion.observations import CameraObservation, are_one
 from fbench.pipelines.fusion.reliability import SensorReliability
@@ -100,8 +100,7 @@ class LateFusion:
             return any(seen.cameras[i].is_sure for i in group.cameras)
         if group.cameras or group.radar >= 0:
             return True
-        score = lidar_weight(seen.lidar, self._params) * float(seen.lidar.score[group.lidar])
-        return score >= self._params.min_score / 2
+        return float(believe_lidar(seen.lidar, self._params)[group.lidar]) >= self._params.min_score / 2
 
 
 def fuse(views: SensorViews, params: FusionParams) -> Boxes3D:
@@ -127,7 +126,8 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
         plane=lidar.plane,
         lidar_eye_m=viewpoint(rig, "lidar"),
         radar_eye_m=viewpoint(rig, "radar"),
-        standing_m=_standing_distances(rig, cameras, of_radar.loose),
+        standing_m=_near_distances(rig, cameras, of_radar.loose, knows_height=False),
+        obstacle_m=_near_distances(rig, cameras, lidar.xyz, knows_height=True),
     )
 
 
@@ -157,17 +157,21 @@ def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:
     return found
 
 
-def _standing_distances(rig: Rig, seen: list[CameraObservation], loose: Float64) -> list[float]:
-    """Distance of the near side [m] of what each camera box shows, by the stationary echoes (M, 3) in its direction;
-    NaN where they say nothing: that at which most of them lie within some meters, by how likely the image makes it.
+def _near_distances(rig: Rig, seen: list[CameraObservation], xyz: Float64, knows_height: bool) -> list[float]:
+    """Distance of the near side [m] of what each camera box shows, by points (M, 3) in its direction, or, of a sensor
+    that knows heights, in the box; NaN where they say nothing: that at which most of them lie within some meters, by
+    how likely the image makes it.
     """
     result = []
     for camera, group in groupby(seen, key=lambda s: s.camera):
-        uv, _ = project_body(rig, camera, loose)
+        uv, _ = project_body(rig, camera, xyz)
         eye = rig.body_T_sensor(camera)[:2, 3]
-        reach = np.hypot(loose[:, 0] - eye[0], loose[:, 1] - eye[1])
+        reach = np.hypot(xyz[:, 0] - eye[0], xyz[:, 1] - eye[1])
         for s in group:
-            rows = np.flatnonzero((uv[:, 0] > s.xyxy_px[0]) & (uv[:, 0] < s.xyxy_px[2]))
+            left, top, right, bottom = s.xyxy_px
+            rows = np.flatnonzero((uv[:, 0] > left) & (uv[:, 0] < right))
+            if knows_height:
+                rows = rows[(uv[rows, 1] > top) & (uv[rows, 1] < bottom)]
             deviation = np.log(np.maximum(reach[rows], 0.1) / s.near_m) / s.std
             inside = np.abs(deviation) < _GATE
             rows, deviation = rows[inside], deviation[inside]

@@ -1,5 +1,6 @@
 """Place, size and motion of an object, by all observations of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,6 +38,7 @@ class Observations:
     radar_eye_m: Float64  # (2,) where the radars do [m]
     standing_m: list[float]
     """Distance of the near side of each of `cameras` by stationary echoes [m]; NaN where there are none."""
+    obstacle_m: list[float]  # The same by LiDAR points over the ground, whatever cluster they belong to
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +79,10 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
         shape = _lidar_shape(group, seen, cameras, label)
     estimates = [] if shape is None else [_estimate(shape.xy_m, shape.yaw_rad, *shape.std_m.tolist())]
     alone = group.lidar < 0 and group.radar < 0
-    standing = [seen.standing_m[i] if alone else np.nan for i in group.cameras]
-    estimates += [_camera_estimate(s, m, params) for s, m in zip(cameras, standing, strict=True)]
+    for i, s in zip(group.cameras, cameras, strict=True):
+        measured = [] if group.lidar >= 0 else [(seen.obstacle_m[i], params.lidar_std_m)]
+        measured += [(seen.standing_m[i], params.standing_std_m)] if alone else []
+        estimates.append(_camera_estimate(s, measured, params))
     size, yaw = _size_and_yaw(shape, cameras, radar_box)
     if radar_box is not None:
         # Only LiDAR's class says how long it is: what cameras call a truck may be a van.
@@ -190,14 +194,17 @@ _Estimate = tuple[Float64, Float64]
 """Middle (2,) of an object on the ground [m] by one sensor, and the inverse (2, 2) of its covariance [1/m²]."""
 
 
-def _camera_estimate(s: CameraObservation, standing_m: float, params: AssociationParams) -> _Estimate:
-    """On the ray, at the distance guessed, or its mean in logarithms with that of stationary echoes."""
+def _camera_estimate(
+    s: CameraObservation, measured: Sequence[tuple[float, float]], params: AssociationParams
+) -> _Estimate:
+    """On the ray, at the distance guessed, or its mean in logarithms with those measured in its direction, each with
+    its error [m]; NaN where there is none.
+    """
     forward, left = _axes(s.bearing_rad)
-    near, std = s.near_m, s.std
-    if np.isfinite(standing_m):
-        weights = s.std**-2, (standing_m / params.standing_std_m) ** 2
-        near = float(np.exp((weights[0] * np.log(near) + weights[1] * np.log(standing_m)) / sum(weights)))
-        std = float(sum(weights)) ** -0.5
+    guesses = [(np.log(s.near_m), s.std**-2)]
+    guesses += [(np.log(m), (m / std_m) ** 2) for m, std_m in measured if np.isfinite(m)]
+    total = float(sum(weight for _, weight in guesses))
+    near, std = float(np.exp(sum(log * weight for log, weight in guesses) / total)), total**-0.5
     reach = near + s.depth_m
     aside = float(np.hypot(params.bearing_std_rad * reach, 0.1 * s.size_lwh_m[1]))
     if s.cut:  # what lies beyond the image's border is guessed

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from fbench.pipelines.fusion.reliability import log_odds, probability_of
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, center_offsets, complete, fade
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, in_range, require_between
-from fbench.replay.data.arrays import Float64, Int64, Text
+from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.kernels import kernel
 
@@ -225,24 +226,56 @@ class Seen:
 
 
 def classify(seen: Seen, judge: str | None, car: VehicleSize, others: OtherSizes, shape: CarShapeParams) -> Boxes3D:
-    """Complete clusters to road users by the model, or to cars by rules: also where `judge` says nothing."""
-    return road_users(seen, car, others) if judge == "model" else classify_cars(seen, car, shape)
+    """Complete clusters to road users by the model, by itself or by both, or to cars by rules: also where `judge` says
+    nothing.
+    """
+    if judge in ("model", "both"):
+        return road_users(seen, car, others, shape if judge == "both" else None)
+    return classify_cars(seen, car, shape)
 
 
 def classify_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:
     """Complete clusters to cars; the score says how much they look like one, in [0, 1]."""
-    first = seen.standing.first
-    height = seen.standing.xy_height[first[0] :, 2]
-    bottom, top = (part.reduceat(height, first[:-1] - first[0]) for part in (np.minimum, np.maximum))
-    score = plausibility(seen.rectangles, np.diff(first), bottom, top, seen.standing.tall, shape)
+    score, top = _by_rules(seen, shape)
     return _complete(seen, np.zeros(len(top), np.int64), (size,), top, score)
 
 
-def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
-    """Complete clusters to road users of the likeliest class; the score is the probability of any class."""
+def _by_rules(seen: Seen, shape: CarShapeParams) -> tuple[Float64, Float64]:
+    """How much clusters (M,) look like a car, in [0, 1], and how high they reach [m]."""
+    first = seen.standing.first
+    height = seen.standing.xy_height[first[0] :, 2]
+    bottom, top = (part.reduceat(height, first[:-1] - first[0]) for part in (np.minimum, np.maximum))
+    return plausibility(seen.rectangles, np.diff(first), bottom, top, seen.standing.tall, shape), top
+
+
+_RULES_SAY = 0.1
+"""Rules make a car at most as sure as 1 less this, and at least this likely: they hold for a sparse LiDAR, and know
+neither roofs that a high and dense one sees nor anything but cars."""
+_VEHICLES = ("car", "van", "truck")
+
+
+def add_rules(probability: Float64, is_vehicle: Bool, score: Float64) -> Float64:
+    """Probabilities (M, C) of classes, where rules say by a score (M,) how much clusters look like a car.
+
+    The odds of being a vehicle become the geometric mean of those by the model and by rules (logarithmic opinion pool,
+    Genest and Zidek, "Combining probability distributions", Statistical Science 1986); those of others stay.
+    """
+    known = probability[:, is_vehicle].sum(axis=1)
+    pooled = probability_of((log_odds(known, 1e-9) + log_odds(score, _RULES_SAY)) / 2)
+    scale = np.where(is_vehicle, (pooled / np.maximum(known, 1e-9))[:, None], 1.0)
+    result = probability * scale
+    return np.asarray(result / np.maximum(result.sum(axis=1, keepdims=True), 1.0), np.float64)
+
+
+def road_users(seen: Seen, car: VehicleSize, others: OtherSizes, shape: CarShapeParams | None = None) -> Boxes3D:
+    """Complete clusters to road users of the likeliest class; the score is the probability of any class. With the
+    `shape` of cars rules have a say, too.
+    """
     model = load_model()
     found = features(seen.standing, seen.rectangles)
     probability = model.probabilities(found)
+    if shape is not None:
+        probability = add_rules(probability, np.isin(model.labels, _VEHICLES), _by_rules(seen, shape)[0])
     kind = np.argmax(probability, axis=1)
     sizes = tuple({"car": car, **vars(others)}[label] for label in model.labels.tolist())
     boxes = _complete(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))

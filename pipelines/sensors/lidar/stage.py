@@ -53,9 +53,10 @@ class LidarParams(CheckedParams, prefix="lidar"):
     size: VehicleSize = field(default_factory=VehicleSize)  # What partly seen cars are completed to.
     sizes: OtherSizes = field(default_factory=OtherSizes)
     """What others are completed to; only the model tells them apart."""
-    judge: Literal["model", "rules"] | None = None
+    judge: Literal["model", "rules", "both"] | None = None
     """How clusters are judged: `model`, fitted on the simulated city, gives the probability of a road user and its
-    class, `rules` how much a cluster looks like a passenger car; none: by the model in simulated logs, else by rules.
+    class, `rules` how much a cluster looks like a passenger car, `both` the mean of their log-odds; none: by the model
+    in simulated logs, else by both.
     """
     shape: CarShapeParams = field(default_factory=CarShapeParams)  # What a cluster must look like by the rules.
 
@@ -91,7 +92,7 @@ class LidarView:
 def resolve_judge(params: LidarParams, log_info: LogInfo) -> LidarParams:
     """Return parameters that say how clusters of this log are judged."""
     by_model = SIMULATED in log_info.metadata
-    return params if params.judge is not None else replace(params, judge="model" if by_model else "rules")
+    return params if params.judge is not None else replace(params, judge="model" if by_model else "both")
 
 
 def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
@@ -236,7 +237,8 @@ class LidarStage:
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, resolve_judge(params, log_info)
-        self.labeled = self._params.judge == "model"  # Whether boxes have labels
+        self.judge = self._params.judge
+        self.labeled = self.judge != "rules"  # Whether boxes have labels
         own = settings.own("lidar", params, OWN)
         self._ranges_m = {name: (p.min_range_m, p.max_range_m or np.inf) for name, p in own.items()}
         self._own = Outline(params.ego_front_m, params.ego_rear_m, params.ego_side_m)

@@ -70,20 +70,32 @@ def heights(xyz: Float64, is_near: Bool, cell: Int64, plane: Float64, surface: F
 
 
 @kernel
-def fullest_bands(z_m: Float64, band_m: float) -> tuple[Int64, Int64]:
-    """Return for each row of ascending heights (R, N) [m] how many lie within the fullest band, and where it begins.
+def best_bands(z_m: Float64, lower_m: Float64, band_m: float) -> tuple[Int64, Int64]:
+    """Return for each row of ascending heights (R, N) [m] how many lie within the best band, less `_BELOW` for each far
+    below it, and where it begins.
 
-    A band begins with one of the heights and includes both its ends; of equally full ones the lowest counts.
+    A band begins with one of the heights and includes both its ends; of equally good ones the lowest counts. Ascending
+    `lower_m` (R, N) [m] says how high it may begin before a point counts as far below it: next to nothing lies below
+    the ground, so that a band of hoods and roofs of parked cars isn't taken for it.
     """
-    most, at = np.zeros(len(z_m), np.int64), np.zeros(len(z_m), np.int64)
+    most, at = np.full(len(z_m), -np.iinfo(np.int64).max), np.zeros(len(z_m), np.int64)
     for row in range(len(z_m)):
-        end = 0
+        end = below = 0
         for begin in range(z_m.shape[1]):
             while end < z_m.shape[1] and z_m[row, end] <= z_m[row, begin] + band_m:
                 end += 1
-            if end - begin > most[row]:
-                most[row], at[row] = end - begin, begin
+            while below < z_m.shape[1] and lower_m[row, below] < z_m[row, begin]:
+                below += 1
+            value = end - begin - _BELOW * below
+            if value > most[row]:
+                most[row], at[row] = value, begin
     return most, at
+
+
+_BELOW = 2  # A point far below what is taken for the ground outweighs so many that lie on it
+_DIP_M, _CREST_M = 0.3, 500.0
+"""What is lower than the ground by more than this [m] lies far below it, unless the ground falls off as on a crest of
+this radius [m]; that of roads for 50 km/h is no smaller."""
 
 
 @dataclass(frozen=True)
@@ -143,8 +155,11 @@ def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
     steps = np.linspace(-params.max_tilt, params.max_tilt, 9)
     tilts = sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t))
     slopes, band_m = np.array(tilts), 0.8
-    z = np.sort(lowest[:, 2] - slopes[:, :1] * lowest[:, 0] - slopes[:, 1:] * lowest[:, 1], axis=1)
-    num, begin = fullest_bands(z, band_m)
+    z = lowest[:, 2] - slopes[:, :1] * lowest[:, 0] - slopes[:, 1:] * lowest[:, 1]
+    fall = _DIP_M + (lowest[:, 0] ** 2 + lowest[:, 1] ** 2) / (2 * _CREST_M)
+    lower = np.sort(z + fall, axis=1)
+    z.sort(axis=1)
+    num, begin = best_bands(z, lower, band_m)
     best = int(np.argmax(num))
     plane = Plane(float(slopes[best, 0]), float(slopes[best, 1]), float(z[best, begin[best]] + band_m / 2))
     for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import car, lidar_view, outline, radar_view, seen, standing_view
 
-from fbench.pipelines.fusion.late.existence import FusionParams
+from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import fuse
+from fbench.replay.data.boxes import Boxes3D
 
-PARAMS = FusionParams(ruled_weight=1.0)
+PARAMS = FusionParams(lidar_weight=1.0)
 
 
 def odds(probability):
@@ -95,12 +96,21 @@ def test_lidar_and_radar_without_camera():
     assert found.label.tolist() == ["car"]
 
 
-def test_scores_by_rules_are_believed_less_than_those_of_a_model():
+def test_scores_are_believed_less_where_rules_have_a_say():
     view = lidar_view(car(20.0, 2.0))
-    by_model = replace(view, boxes=replace(view.boxes, label=np.array(["car"])))
-    params = FusionParams(ruled_weight=0.7)
-    assert fuse(seen(None, view), params).score == pytest.approx([0.7 * 0.9])
-    assert fuse(seen(None, by_model), params).score == pytest.approx([0.9])
+    for judge, weight in (("model", 1.0), ("both", 0.5), ("rules", 0.5)):
+        params = resolve_weight(FusionParams(), judge)
+        assert fuse(seen(None, view), params).score == pytest.approx([weight * 0.9])
+        assert resolve_weight(FusionParams(lidar_weight=0.7), judge).lidar_weight == 0.7
+
+
+def test_points_of_any_cluster_place_what_only_a_camera_detects():
+    small = car(20.0, size=(4.0, 1.7, 1.35))  # lower than a camera takes cars for: it guesses 23 m
+    wall = lidar_view(car(20.0, 0.0, size=(4.0, 1.7, 1.35)), score=0.0)
+    other = replace(wall, cluster=np.full(len(wall.xyz), -1), boxes=Boxes3D.empty())
+    guess, found, loose = (fuse(seen(outline(small), view), PARAMS).center_m[0, 0] for view in (None, wall, other))
+    assert abs(found - 20) < abs(guess - 20)
+    assert abs(loose - 20) < 0.7 * abs(guess - 20)
 
 
 def test_long_objects_without_camera_are_trucks():

@@ -17,7 +17,7 @@ from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import project_boxes
 from fbench.replay.geometry.transforms import wrap_angle
 
-PARAMS = FusionParams(min_score=0.2, ruled_weight=1.0)
+PARAMS = FusionParams(min_score=0.2, lidar_weight=1.0)
 SEEDS = range(12)
 SIZES = [(4.2, 1.8, 1.55), (0.6, 0.6, 1.7), (8.0, 2.5, 3.2), (1.8, 0.6, 1.6)]
 

@@ -5,6 +5,7 @@ import pytest
 from tests.pipelines.frames import cloud, fields, frame, rig
 from tests.pipelines.scenes import road
 
+from fbench.pipelines.sensors.lidar.classification import add_rules
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarView, detect, obstacles, resolve_judge
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.data.messages import PointCloud
@@ -57,11 +58,31 @@ def test_rules_give_no_labels():
     assert found.score.tolist() == [1.0]
 
 
-def test_the_model_judges_simulated_logs_and_those_that_ask_for_it():
+def test_the_model_alone_judges_simulated_logs_and_those_that_ask_for_it():
     assert resolve_judge(LidarParams(), SIMULATION).judge == "model"
-    assert resolve_judge(LidarParams(), LogInfo("drive", "id")).judge == "rules"
+    assert resolve_judge(LidarParams(), LogInfo("drive", "id")).judge == "both"
     assert resolve_judge(LidarParams(judge="rules"), SIMULATION).judge == "rules"
     assert resolve_judge(LidarParams(judge="model"), LogInfo("drive", "id")).judge == "model"
+
+
+def test_model_and_rules_together_take_the_mean_of_their_log_odds():
+    probability = np.array([[0.8, 0.1, 0.05], [0.6, 0.2, 0.0], [0.0, 0.0, 0.9]])
+    is_vehicle = np.array([True, True, False])
+    pooled = add_rules(probability, is_vehicle, np.array([0.0, 1.0, 0.0]))
+    # 0.9 and, limited to 0.1: even odds; 0.8 and, limited to 0.9: odds 4 and 9, of which the mean is 6.
+    assert pooled[0].tolist() == pytest.approx([0.5 * 8 / 9, 0.5 / 9, 0.05])
+    assert pooled[1].tolist() == pytest.approx([6 / 7 * 0.75, 6 / 7 * 0.25, 0.0])
+    assert pooled[2].tolist() == pytest.approx([0.0, 0.0, 0.9], abs=1e-4)  # not a vehicle: rules say nothing
+
+
+def test_a_car_that_a_dense_lidar_sees_from_above_isnt_rejected_by_rules():
+    x, y = np.meshgrid(np.arange(12.0, 16.3, 0.1), np.arange(2.0, 3.8, 0.1))
+    roof = np.column_stack([x.ravel(), y.ravel(), -0.15 - 0.35 * (np.abs(x.ravel() - 14.2) > 1.2)])
+    top = np.concatenate([box(14.15, 2.9, (4.3, 1.8, 1.1)), roof])
+    scores = {judge: view(top, judge=judge).boxes.score.max() for judge in ("rules", "model", "both")}
+    assert scores["rules"] < 0.1
+    assert scores["rules"] < scores["both"] < scores["model"]
+    assert scores["both"] > 0.4
 
 
 def test_frames_without_boxes_have_the_same_fields_when_the_model_judges():

@@ -45,6 +45,26 @@ def test_walls_and_points_under_the_road_change_little():
     assert [plane.slope_x, plane.slope_y, plane.height_m] == pytest.approx([0.03, 0, -1.6], abs=0.02)
 
 
+def test_hoods_and_roofs_of_parked_cars_arent_the_ground():
+    """Between two rows of cars few points show the road; those on the cars are more, and as flat."""
+    lane = road(0.03, extent_m=40.0)
+    lane = lane[(np.abs(lane[:, 1]) < 1.5) & (np.abs(lane[:, 0]) < 20)]
+    roofs = road(0.03, height_m=-0.5)
+    roofs = roofs[(np.abs(roofs[:, 1]) > 2.5) & (np.abs(roofs[:, 1]) < 7) & (np.abs(roofs[:, 0]) < 20)]
+    assert len(roofs) > 2 * len(lane)
+    plane = find_plane(np.concatenate([lane, roofs]))
+    assert plane is not None
+    assert plane.height_m == pytest.approx(-1.6, abs=0.15)
+
+
+def test_a_road_that_falls_off_behind_a_crest_isnt_far_below():
+    points = road()
+    points[:, 2] -= np.where(points[:, 0] > 0, points[:, 0] ** 2 / 1000, 0.0)
+    plane = find_plane(points)
+    assert plane is not None
+    assert plane.height_m == pytest.approx(-1.6, abs=0.25)
+
+
 def test_heights_follow_a_slope_that_leaves_the_plane():
     points = road()
     far = np.abs(points[:, 0]) > 20

@@ -187,7 +187,7 @@ def test_alone_a_cluster_without_velocity_is_believed_as_little_as_what_stands()
 
 
 def test_with_a_lidar_it_confirms_and_gives_no_velocity():
-    boxes = fused(np.nan, lidar_score=0.6, params=FusionParams(ruled_weight=1.0))
+    boxes = fused(np.nan, lidar_score=0.6, params=FusionParams(lidar_weight=1.0))
     assert boxes.sources.tolist() == [6]
     assert boxes.score[0] > 0.5
     assert np.isnan(boxes.velocity_mps).all()

@@ -18,7 +18,7 @@ from fbench.pipelines.sensors.points.grid import (
     may_touch,
     row_starts,
 )
-from fbench.pipelines.sensors.points.ground import fullest_bands, heights, lowest_rows
+from fbench.pipelines.sensors.points.ground import best_bands, heights, lowest_rows
 from fbench.pipelines.sensors.points.vehicle import fit_rectangles
 from fbench.pipelines.sensors.radar.doppler import agreement
 
@@ -130,12 +130,15 @@ def test_lowest_point_of_each_cell(seed, outliers):
 
 @at_times
 @given(seeds)
-def test_fullest_band(seed):
+def test_best_band(seed):
     rng = np.random.default_rng(seed)
     z = np.sort(np.round(rng.normal(0, 1, (3, int(rng.integers(1, 30)))), 1), axis=1)
-    num, begin = fullest_bands(z, 0.5)
+    lower = np.sort(z + rng.choice([0.0, 0.3, 0.7], z.shape), axis=1)
+    num, begin = best_bands(z, lower, 0.5)
     for row in range(3):
-        expected = [int((z[row, at:] <= z[row, at] + 0.5).sum()) for at in range(z.shape[1])]
+        within = [int((z[row, at:] <= z[row, at] + 0.5).sum()) for at in range(z.shape[1])]
+        below = [int((lower[row] < z[row, at]).sum()) for at in range(z.shape[1])]
+        expected = [w - 2 * b for w, b in zip(within, below, strict=True)]
         assert (num[row], begin[row]) == (max(expected), expected.index(max(expected)))
 
 
