@@ -36,7 +36,7 @@ def init(
     """Inspect a log and write an fbench.toml that describes it, with the reasons."""
     from fbench.replay.contracts.errors import ConfigError
     from fbench.replay.contracts.faults import FaultLog, explain_losses
-    from fbench.replay.data.files import replace_text
+    from fbench.replay.data.files import make_parent, replace_text
     from fbench.replay.setup.configuration import config_place
     from fbench.replay.setup.init import draft_of, write_toml
     from fbench.replay.setup.proof import find_ready, prove
@@ -46,8 +46,7 @@ def init(
         raise ConfigError(f"{place}: is a folder; name a file with -o")
     if place.exists() and not overwrite:
         raise ConfigError(f"{place}: exists; replace it with --overwrite, or name another file with -o")
-    if not place.parent.is_dir():
-        raise ConfigError(f"{place}: there is no folder '{place.parent}'")
+    make_parent(place)
     faults = FaultLog()
     with redirect_stdout(sys.stderr):  # what a decoder prints is no line of --json
         with explain_losses(faults):

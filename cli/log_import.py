@@ -12,6 +12,7 @@ from typer import Argument, Option
 from fbench.cli import options
 from fbench.cli.show import import_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError
+from fbench.replay.data.files import make_parent
 
 if TYPE_CHECKING:
     from fbench.datasets.importing.run import ImportedLog
@@ -90,8 +91,8 @@ def _require_place(out: Path, source: Path) -> None:
     if out.suffix not in _SUFFIXES:
         if out.exists() and not out.is_dir():
             raise ConfigError(f"{out}: is a file; expected a name that ends in .mcap or .parquet, or a folder for logs")
-    elif not out.absolute().parent.is_dir():
-        raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
+    else:
+        make_parent(out)
 
 
 def _choose_targets(

@@ -12,6 +12,7 @@ from typer import Argument, Option
 from fbench.cli import options
 from fbench.cli.show import import_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.files import make_parent
 
 if TYPE_CHECKING:
     from fbench.datasets.city.request import CityRequest, Split
@@ -79,8 +80,7 @@ def simulate(
                 f"{'--form' if split is None else '--split'} is only for a suite; for one log, use --seed and --out"
             )
         wanted = [(request.spec(), Target(out, overwrite))]
-        if not out.absolute().parent.is_dir():
-            raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
+        make_parent(out)
         wanted[0][1].form  # noqa: B018  # refuses a name without a form before anything is made
     used = (WEATHER, *wanted[0][0].rig.names)
     idle = [(setting, name) for setting in request.settings if (name := split_setting(setting)[0]) not in used]

@@ -11,6 +11,7 @@ from typer import Argument, Option
 
 from fbench.cli import options
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+from fbench.replay.data.files import make_parent
 
 if TYPE_CHECKING:
     from fbench.api.scores import ScoreRequest
@@ -157,8 +158,7 @@ def _require_writable(path: Path) -> None:
     """
     if path.is_dir():
         raise ConfigError(f"-o {path}: is a folder; name a file in it")
-    if not path.parent.is_dir():
-        raise ConfigError(f"-o {path}: there is no folder {path.parent}")
+    make_parent(path)
     if not os.access(path.parent, os.W_OK):
         raise ConfigError(f"-o {path}: the folder {path.parent} can't be written to")
 

@@ -12,6 +12,7 @@ from typer import Argument, Option
 from fbench.cli import options
 from fbench.cli.show import byte_progress, console, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.files import make_parent
 
 if TYPE_CHECKING:
     from fbench.pipelines.models.weights import Entry
@@ -61,8 +62,7 @@ def train(
         raise ConfigError(f"training needs {error.name}: pip install 'fbench[torch]'") from error
     if out.suffix != ".onnx":
         raise ConfigError(f"{out}: expected a name that ends in .onnx")
-    if not out.absolute().parent.is_dir():
-        raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
+    make_parent(out)
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("--device cuda: torch finds no CUDA device here")
     torch.set_num_threads(threads)

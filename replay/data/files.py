@@ -145,6 +145,14 @@ def make_folder(path: Path) -> None:
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path)) from None
 
 
+def make_parent(path: Path) -> None:
+    """Make the folder of a file that is to be written. Raises ConfigError where it can't be."""
+    try:
+        make_folder(path.absolute().parent)
+    except OSError as error:
+        raise ConfigError(f"{path}: can't be written ({error.strerror}: {error.filename})") from error
+
+
 def remove(path: Path) -> None:
     """Delete a file or a folder, as far as the system lets us; nothing is fine, too."""
     if path.is_dir() and not path.is_symlink():

@@ -10,7 +10,7 @@ from typing import IO
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.files import Draft, file_name
+from fbench.replay.data.files import Draft, file_name, make_parent
 from fbench.replay.data.rig import Kind
 from fbench.replay.formats.export_request import TABLES, ExportRequest, LeftOut
 from fbench.replay.formats.export_sources import MANIFEST, log_sequence, run_sequence
@@ -123,8 +123,7 @@ class Export:
                 raise ConfigError(f"{self.out}: is what is exported, or lies in it or around it; choose another name")
         if self.request.is_nuscenes and self.out.suffix != ".json":
             raise ConfigError(f"{self.out}: this format is one file; expected a name that ends in .json")
-        if not out.parent.is_dir():
-            raise ConfigError(f"{self.out}: can't be written (no folder {out.parent})")
+        make_parent(self.out)
         is_empty = not self.request.is_nuscenes and _is_folder(self.out) and not any(self.out.iterdir())
         if not (self.out.exists() or self.out.is_symlink()) or is_empty:
             return

@@ -26,7 +26,8 @@ def test_existing_files_stay(fbench, log, tmp_path):
     assert place.read_text() == "mine"
     assert fbench("init", log, "--overwrite").code == 0
     assert place.read_text() != "mine"
-    assert fbench("init", log, "-o", tmp_path / "none/here.toml").code == 2
+    assert fbench("init", log, "-o", tmp_path / "made/here.toml").code == 0
+    assert fbench("init", log, "-o", "/dev/null/here.toml").code == 2
     assert fbench("init", log, "-o", tmp_path).code == 2
 
 

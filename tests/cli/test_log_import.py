@@ -222,7 +222,7 @@ def _read(number):
     ("args", "code", "line"),
     [
         (("-o", "src"), 2, "src: is the dataset's own folder; choose another one for the logs"),
-        (("-o", "no/a.parquet"), 2, "no/a.parquet: can't be written (no folder "),
+        (("-o", "file/a.parquet"), 2, "file/a.parquet: can't be written (Not a directory"),
         (("-o", "file"), 2, "file: is a file; expected a name that ends in .mcap or .parquet, or a folder"),
         (("-o", "file/logs"), 2, "file/logs: can't be written (Not a directory)"),
         (("-o", "/proc/logs"), 2, "/proc/logs: can't be written (No such file or directory)"),

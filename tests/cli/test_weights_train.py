@@ -24,7 +24,7 @@ def test_without_torch_it_says_what_to_install(fbench, tmp_path):
         ("none", "a.onnx", (), "no such folder; to make one: fbench log simulate training -o"),
         (".", "a.onnx", (), "no logs in it"),
         (".", "a.pt", (), "expected a name that ends in .onnx"),
-        (".", "none/a.onnx", (), "can't be written (no folder"),
+        (".", "/dev/null/a.onnx", (), "can't be written (Not a directory"),
         (".", "a.onnx", ("--device", "cuda"), "no CUDA device"),
     ],
 )

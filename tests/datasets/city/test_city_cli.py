@@ -39,7 +39,7 @@ def fbench(monkeypatch, capsys, tmp_path):
         (["urban", "-o", "a"], "which form?"),
         (["urban", "-o", "a.txt"], "which form?"),
         (["urban", "-o", ""], "which form?"),
-        (["urban", "-o", "absent/a.mcap"], "no folder"),
+        (["urban", "-o", "/dev/null/a.mcap"], "can't be written (Not a directory"),
         (["urban", "-o", "/proc/a.mcap"], "can't be written"),
         (["urban", "-o", "a.mcap", "--condition", "foog"], "did you mean 'fog'?"),
         (["urban", "-o", "a.mcap", "--condition", ""], "there are: clear"),

@@ -90,8 +90,9 @@ def test_sources_are_not_overwritten(tmp_path, log, out):
 def test_a_submission_is_a_json_file(tmp_path, log):
     with pytest.raises(ConfigError, match=r"this format is one file; expected a name that ends in \.json"):
         exported("nuscenes", tmp_path / "out", log)
-    with pytest.raises(ConfigError, match=r"can't be written \(no folder"):
-        exported("kitti", tmp_path / "no" / "out", log)
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match=r"can't be written \(Not a directory"):
+        exported("kitti", tmp_path / "file" / "out", log)
     (tmp_path / "x.json").mkdir()
     with pytest.raises(ConfigError, match=r"x\.json: exists"):
         exported("nuscenes", tmp_path / "x.json", log, overwrite=True)
