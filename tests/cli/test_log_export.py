@@ -23,7 +23,7 @@ def test_truth_of_a_log(fbench, log):
 
 
 def test_results_of_a_run(fbench, log):
-    assert fbench("replay", log, "-p", "lidar3d", "-o", "run").code == 0
+    assert fbench("replay", log, "-p", "lidar3d", "--set", "lidar.judge=rules", "-o", "run").code == 0
     without = fbench("log", "export", "run", "--format", "kitti", "-o", "results")
     assert without.code == 3
     assert without.err == "fbench: run: boxes without a class; say which they are of with --class, such as Car\n"

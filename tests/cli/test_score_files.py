@@ -148,7 +148,7 @@ def test_wrong_files_are_one_line(text, told, fbench, folders, tmp_path):
 
 
 def test_a_run_by_a_profile(fbench, log, tmp_path):
-    assert fbench("replay", log, "-p", "lidar3d", "-o", "run").code == 0
+    assert fbench("replay", log, "-p", "lidar3d", "--set", "lidar.judge=rules", "-o", "run").code == 0
     before = (tmp_path / "run/scores.json").read_bytes()
     result = fbench("score", "run", "--profile", "coco", "-o", "coco.json")
     assert result.code == 0

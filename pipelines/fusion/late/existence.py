@@ -42,7 +42,7 @@ class FusionParams(CheckedParams, prefix="fusion"):
     to the log-odds."""
     lidar_weight: float | None = in_range(None, 0, 1)
     """How far a LiDAR cluster's score is believed [0 to 1]; none: 1 where the model alone judges (`lidar.judge`), else
-    0.5: what rules take for a car is often something else."""
+    0.6: what rules take for a car is often something else."""
     radar_weight: float = in_range(0.8, 0, 1)  # How far the score of moving echoes is believed [0 to 1].
     standing_weight: float = in_range(0.19, 0, 1)
     """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
@@ -112,7 +112,7 @@ def probabilities(evidence: Evidence, sensors: SensorReliability, params: Fusion
     return _probabilities(evidence, witnesses, sensors, params)
 
 
-_RULED_WEIGHT = 0.5
+_RULED_WEIGHT = 0.6
 
 
 def resolve_weight(params: FusionParams, judge: str | None) -> FusionParams:

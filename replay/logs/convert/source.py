@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, groupby, takewhile
+from itertools import chain, groupby, islice, takewhile
 
 from fbench.replay.contracts.errors import ConfigError, DataError, DecodeError
 from fbench.replay.data.messages import Image, Message
@@ -82,6 +82,9 @@ def _copy(entry: Entry) -> Entry:
     return entry._replace(data=memoryview(bytes(entry.data))) if isinstance(entry.data, memoryview) else entry
 
 
+_MOST_UNREAD = 5  # So many messages of a camera are tried before it is taken for one without video
+
+
 class _Leads:
     """Entries of videos, each from its last keyframe on."""
 
@@ -93,12 +96,7 @@ class _Leads:
         """Take the next entry of any channel."""
         if role is None or role.kind != "camera" or entry.channel in self._others:
             return
-        image: Message | TruthPart | None = None
-        with suppress(DecodeError, DataError):
-            if not isinstance(entry.data, memoryview):
-                image = entry.data.read()
-            elif role.codec is not None:
-                image = role.codec.message(role.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
+        image = _read(role, entry)
         if isinstance(image, Image) and image.encoding in CODECS:
             self._leads.setdefault(entry.topic, VideoLead()).add(_copy(entry), image)
         elif image is not None:
@@ -109,6 +107,16 @@ class _Leads:
         found = [entry for lead in self._leads.values() for entry in lead.items]
         self._leads = {}
         return found
+
+
+def _read(role: Role, entry: Entry) -> Message | TruthPart | None:
+    """What a message of a camera holds; `None` where it can't be read."""
+    with suppress(DecodeError, DataError):
+        if not isinstance(entry.data, memoryview):
+            return entry.data.read()
+        if role.codec is not None:
+            return role.codec.message(role.kind, entry.data, Origin("", entry.log_ns, entry.publish_ns))
+    return None
 
 
 def _rig_keys(role: Role | None, data: memoryview) -> list[tuple[str, str]]:
@@ -185,18 +193,28 @@ class Source:
         return window
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
-        """Entries of some channels up to the end of the log: what is before the window of those that tell the rig, and
-        of all others, which needn't be read, only what is in or behind it.
+        """Entries of some channels up to the end of the log: all of those that tell the rig or hold a video, and of the
+        others only what is in or behind the window; what is before it needn't be read.
         """
         start_ns, roles = self.window.start_ns, self.reader.roles
         if start_ns is None:
             return self.container.entries(channels)
         kinds = {id_: roles[id_] for id_ in channels if id_ in roles}
-        rig = frozenset(
-            id_ for id_, r in kinds.items() if r.kind == "calibration" or (r.kind == "transform" and r.is_static)
+        wanted = frozenset(
+            id_
+            for id_, r in kinds.items()
+            if r.kind == "calibration" or (r.kind == "transform" and r.is_static) or self._is_video(id_, r)
         )
-        early = takewhile(lambda entry: entry.log_ns < start_ns, self.container.entries(rig) if rig else ())
+        early = takewhile(lambda entry: entry.log_ns < start_ns, self.container.entries(wanted) if wanted else ())
         return chain(early, self.container.entries(channels, start_ns))
+
+    def _is_video(self, channel: int, role: Role) -> bool:
+        """Whether the first message of a camera that can be read is a picture of a video."""
+        if role.kind != "camera":
+            return False
+        readable = (_read(role, entry) for entry in islice(self.container.entries(frozenset({channel})), _MOST_UNREAD))
+        first = next((image for image in readable if image is not None), None)
+        return isinstance(first, Image) and first.encoding in CODECS
 
     @property
     def info(self) -> LogInfo:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.pipelines.frames import JPEG, cloud, frame, image, rig, scan
 
+from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.trackers import Tracker2D
@@ -36,7 +37,7 @@ def started(name: str, weights: Path, every: int) -> Pipeline:
         "camera2d": lambda: Camera2D(Camera2DParams(camera, detect_every=every)),
         "lidar3d": lambda: Lidar3D(Lidar3DParams(detect_every=every)),
         "radar3d": lambda: Radar3D(Radar3DParams(detect_every=every)),
-        "late3d": lambda: Late3D(Late3DParams(camera, detect_every=every)),
+        "late3d": lambda: Late3D(Late3DParams(camera, detect_every=every, fusion=FusionParams(min_score=0.5))),
     }
     pipeline = made[name]()
     pipeline.start(rig("cam", "lidar", "radar"), LOG)

@@ -23,7 +23,8 @@ def test_a_car_is_detected_and_tracked(pipeline: Lidar3D):
     output = pipeline.step(frame(0, cloud()))
     assert output.detections.center_m == pytest.approx(np.array([[22.1, 0, -0.8]]), abs=0.05)
     assert output.detections.sources.tolist() == [2]
-    assert output.detections.label is None
+    assert output.detections.label is not None
+    assert output.detections.label.tolist() == ["car"]
     assert np.isnan(output.detections.velocity_mps).all()
     assert len(output.tracks) == 1
     assert list(output.stage_ns) == ["calibrate", "preprocess", "detect.lidar", "track"]
