@@ -224,7 +224,7 @@ class Late3D(FusionPipeline[Boxes3D]):
         self._start_cameras(rig, log_info, settings)
         self._lidar = LidarStage(rig, log_info, self._params.lidar, settings)
         self._radar = RadarStage(rig, log_info, self._params.radar, settings)
-        self._fusion = LateFusion(resolve_weight(self._params.fusion, self._lidar.judge))
+        self._fusion = LateFusion(resolve_weight(self._params.fusion, self._lidar.judge, bool(self._cameras.used)))
         self._remember(self._fusion, self._lidar)
         super().start(rig, log_info)
 

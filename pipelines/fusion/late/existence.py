@@ -42,7 +42,7 @@ class FusionParams(CheckedParams, prefix="fusion"):
     to the log-odds."""
     lidar_weight: float | None = in_range(None, 0, 1)
     """How far a LiDAR cluster's score is believed [0 to 1]; none: 1 where the model alone judges (`lidar.judge`), else
-    0.6: what rules take for a car is often something else."""
+    0.5, or 0.65 without cameras: what rules take for a car is often something else, which cameras mostly see."""
     radar_weight: float = in_range(0.8, 0, 1)  # How far the score of moving echoes is believed [0 to 1].
     standing_weight: float = in_range(0.19, 0, 1)
     """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
@@ -112,14 +112,15 @@ def probabilities(evidence: Evidence, sensors: SensorReliability, params: Fusion
     return _probabilities(evidence, witnesses, sensors, params)
 
 
-_RULED_WEIGHT = 0.6
+_RULED_WEIGHT, _RULED_ALONE = 0.5, 0.65
 
 
-def resolve_weight(params: FusionParams, judge: str | None) -> FusionParams:
+def resolve_weight(params: FusionParams, judge: str | None, has_camera: bool) -> FusionParams:
     """Return parameters that say how far scores of LiDAR clusters that were judged so are believed."""
     if params.lidar_weight is not None:
         return params
-    return replace(params, lidar_weight=1.0 if judge == "model" else _RULED_WEIGHT)
+    ruled = _RULED_WEIGHT if has_camera else _RULED_ALONE
+    return replace(params, lidar_weight=1.0 if judge == "model" else ruled)
 
 
 def believe_lidar(lidar: Clusters, params: FusionParams) -> Float64:

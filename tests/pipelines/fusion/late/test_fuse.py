@@ -98,10 +98,11 @@ def test_lidar_and_radar_without_camera():
 
 def test_scores_are_believed_less_where_rules_have_a_say():
     view = lidar_view(car(20.0, 2.0))
-    for judge, weight in (("model", 1.0), ("both", 0.6), ("rules", 0.6)):
-        params = resolve_weight(FusionParams(), judge)
+    for judge, with_cameras, alone in (("model", 1.0, 1.0), ("both", 0.5, 0.65), ("rules", 0.5, 0.65)):
+        assert resolve_weight(FusionParams(), judge, has_camera=False).lidar_weight == alone
+        params, weight = resolve_weight(FusionParams(), judge, has_camera=True), with_cameras
         assert fuse(seen(None, view), params).score == pytest.approx([weight * 0.9])
-        assert resolve_weight(FusionParams(lidar_weight=0.7), judge).lidar_weight == 0.7
+        assert resolve_weight(FusionParams(lidar_weight=0.7), judge, has_camera=True).lidar_weight == 0.7
 
 
 def test_points_of_any_cluster_place_what_only_a_camera_detects():
