@@ -237,7 +237,7 @@ def replay(
         )
         give_log(pipeline, name, lambda: options.log.open(faults))
         with open_ahead(options.log.open, faults, options.read_ahead) as reader:
-            log = public_name(reader.info) if request.redact else without_secrets(request.log.path.stem)
+            log = public_name(reader.info) if request.redact else reader.info.name
             folder = request.out or Path("runs") / f"{log}-{name.replace('/', '-')}"
             replay_plan(reader, plan, folder, faults, request.overwrite, complete)
     run = Run(folder)

@@ -84,10 +84,15 @@ def open_container(path: Path, faults: FaultLog) -> Container:
     if path.name == LOG_JSON or (path / LOG_JSON).is_file():
         from fbench.replay.logs.containers.parquet.folder import ParquetFolder
 
-        return ParquetFolder(path.parent if path.name == LOG_JSON else path, faults)
+        return ParquetFolder(_named(path.parent if path.name == LOG_JSON else path), faults)
     if path.is_dir() or path.name == _METADATA:
-        return _folder(path if path.is_dir() else path.parent, faults)
+        return _folder(_named(path if path.is_dir() else path.parent), faults)
     return _file(path, faults)
+
+
+def _named(folder: Path) -> Path:
+    """Return a path that ends with the name of the folder, which `.` and `..` don't."""
+    return folder.resolve() if folder.name in ("", "..") else folder
 
 
 def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:

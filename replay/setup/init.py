@@ -72,7 +72,7 @@ def draft_of(log: Path, config: Path, faults: FaultLog, decoder: Sequence[str] =
     rest = len(found.unread) - len(shown)
     more = (LeftOut(f"{rest} more topics", "see fbench log info"),) if rest else ()
     kept = tuple(t for t in tables if t is not None)
-    return Draft(log.name, kept, (*left_out, *shown, *more), _decoder_lines(decoder, config))
+    return Draft(found.container.path.name, kept, (*left_out, *shown, *more), _decoder_lines(decoder, config))
 
 
 def _decoder_lines(decoders: Sequence[str], config: Path) -> tuple[Line, ...]:

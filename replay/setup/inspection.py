@@ -247,6 +247,8 @@ def _count_measurements(topic: SampledTopic, num_taken: int) -> None:
     if topic.role.codec is not None and topic.role.codec.assembler() is not None:
         if topic.samples:
             _divide(topic, round(num_taken / len(topic.samples)))
+        else:
+            topic.log_ns = None  # no scan is whole, and the rate of packets isn't that of scans
         return
     repeats = [
         a.window == b.window and b.num_points is not None and is_repeat(a.stamp_ns, b.stamp_ns, b.log_ns - a.log_ns)

@@ -63,3 +63,12 @@ def test_where_the_file_belongs(tmp_path):
     assert find_config(folder) is None
     (folder / "fbench.toml").write_text("version = 1\n")
     assert find_config(folder) == folder / "fbench.toml"
+
+
+def test_folder_that_is_the_current_one(fbench, log, tmp_path, monkeypatch):
+    (tmp_path / "drive").mkdir()
+    log.rename(tmp_path / "drive" / "part_0.mcap")
+    monkeypatch.chdir(tmp_path / "drive")
+    assert fbench("init", ".").code == 0
+    assert (tmp_path / "drive" / "fbench.toml").read_text().startswith("# What fbench takes from 'drive',")
+    assert "run: runs/drive-lidar3d\n" in fbench("replay", ".", "-p", "lidar3d").out

@@ -26,6 +26,7 @@ _MAGICS = (
     (b"\x89PNG", "a PNG image"),
     (b"\xff\xd8\xff", "a JPEG image"),
     (b"\x89MCAP", "MCAP of another version"),
+    (b"version https://git-lfs", "a pointer of Git LFS; get the file with `git lfs pull`"),
 )
 
 

@@ -207,3 +207,12 @@ def test_clouds_that_a_driver_made_of_packets_come_first(tmp_path, monkeypatch, 
     assert fbench("log", "info", path, "--json") == 0
     (row,) = json.loads(capfd.readouterr().out)["streams"]
     assert row["num_messages"] == 5
+
+
+def test_rate_of_packets_is_not_that_of_turns(log, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log.turns(num=1)
+    assert fbench("init", log.write(tmp_path)) == 0
+    text = Path("fbench.toml").read_text()
+    assert 'reference = "ouster_lidar"  # the slowest, rate unknown;' in text
+    assert "tolerance_ms = 50.0  # guess: default: the period is unknown" in text

@@ -107,7 +107,8 @@ def _read_channels(
         metadata = {key: _decode(text) for key, text in zip(optional, more, strict=True) if text}
         digest = metadata.get("type_description_hash", "").encode()
         schema = definitions.get((kind, digest)) or definitions.get((kind, b"")) or Schema(_decode(kind), "", b"")
-        channels[number] = Channel(_decode(name), _decode(encoding), schema, metadata)
+        # Some writers leave the format empty; ROS 2 has no other one.
+        channels[number] = Channel(_decode(name), _decode(encoding) or "cdr", schema, metadata)
     return channels
 
 

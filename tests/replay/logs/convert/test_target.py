@@ -159,8 +159,12 @@ def test_a_damaged_row_group_is_counted(tmp_path, drive):
 
 def test_sources_that_are_no_logs(tmp_path):
     (tmp_path / "text.mcap").write_text("hello")
+    (tmp_path / "lfs.mcap").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n")
     (tmp_path / "empty").mkdir()
-    for name, message in [("text.mcap", "looks like text"), ("no.mcap", "No such file"), ("empty", "no log")]:
+    for name, message in [
+        ("text.mcap", "looks like text"), ("lfs.mcap", "a pointer of Git LFS; get the file with `git lfs pull`"),
+        ("no.mcap", "No such file"), ("empty", "no log"),
+    ]:  # fmt: skip
         with pytest.raises(LogError, match=message):
             converted(tmp_path / name, tmp_path / "out.mcap")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty", "text.mcap"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty", "lfs.mcap", "text.mcap"]

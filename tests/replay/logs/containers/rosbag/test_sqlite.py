@@ -57,6 +57,11 @@ def test_channels_are_topics(tmp_path):
     assert not file.rigs
 
 
+def test_messages_without_a_format_are_those_of_ros_2(tmp_path):
+    file, _ = opened(changed(written(tmp_path), "UPDATE topics SET serialization_format = ''"))
+    assert {channel.encoding for channel in file.channels.values()} == {"cdr"}
+
+
 def test_counts_and_times_are_those_of_the_messages(tmp_path):
     file, _ = opened(written(tmp_path))
     for number, channel in file.channels.items():
