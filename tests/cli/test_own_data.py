@@ -57,8 +57,8 @@ def quarter_of_an_hour(fbench, log: Path, pipeline: str, preview_args=()) -> Pat
 def test_a_rewritten_log_gives_the_numbers_of_the_original(fbench, tmp_path):
     write_city_log(tmp_path / "city.mcap", seconds=2.0)
     own = without_ignored(tmp_path / "city.mcap", tmp_path / "own.mcap")
-    # Nothing in it tells that it was simulated, so that rules judge it.
-    assert fbench("replay", own, "-p", "lidar3d", "--set", "lidar.judge=rules", "-o", "base").code == 0
+    # Nothing in it tells that it was simulated, so that model and rules judge it.
+    assert fbench("replay", own, "-p", "lidar3d", "--set", "lidar.judge=both", "-o", "base").code == 0
     log = rewritten(own, tmp_path / "ros" / "drive.mcap", results=Path("base"), delay_ms=80.0)
     run = quarter_of_an_hour(fbench, log, "lidar3d", ("--num", 1))
     assert fbench("score", run).code == 0
@@ -78,11 +78,11 @@ def test_astyx_rewritten_as_ros_2(fbench, tmp_path, shared):
     own = tmp_path / "astyx.mcap"
     import_one(Astyx(), shared / "data" / "astyx", own)
     log = rewritten(own, tmp_path / "ros" / "drive.mcap")
-    # Nothing in it tells that it was simulated, so that rules judge it.
-    assert fbench("replay", own, "-p", "lidar3d", "--set", "lidar.judge=rules", "-o", "base").code == 0
+    # Nothing in it tells that it was simulated, so that model and rules judge it.
+    assert fbench("replay", own, "-p", "lidar3d", "--set", "lidar.judge=both", "-o", "base").code == 0
     run = quarter_of_an_hour(fbench, log, "lidar3d", ("--num", 2))
     assert fbench("score", run).code == 0
-    assert score(run) == score(Path("base")) == pytest.approx(0.610, abs=0.001)
+    assert score(run) == score(Path("base")) == pytest.approx(0.620, abs=0.001)
     config = (log.parent / "fbench.toml").read_text()
     assert config.count("velocity_period_mps = 10.394") == 2  # one radar, split in two, and it aliases
     assert fbench("replay", log, "-p", "radar3d", "-o", "radar").code == 0
