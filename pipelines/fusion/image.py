@@ -83,7 +83,7 @@ class ImageView:
     works: bool  # Whether the camera itself worked
     points: Mapping[Source, Points] = field(default_factory=dict)
     """Points of LiDAR and radar over the ground, where fusion is early."""
-    rays: Mapping[Source, Rays] = field(default_factory=dict)  # All their points
+    rays: Rays | None = None  # All points of LiDARs, where they delivered
 
 
 class PointEvidence(NamedTuple):
@@ -135,7 +135,7 @@ class ImageFusion:
             seen=ImageObservations.join(parts),
             works=found is not None,
             points={kind: view.points[camera] for kind, view in others.items() if camera in view.points},
-            rays={kind: view.rays[camera] for kind, view in others.items() if camera in view.rays},
+            rays=others[Source.L].rays.get(camera),
         )
 
 
@@ -318,9 +318,9 @@ def _goes_through(view: ImageView, box: Float64, depth_m: float, std: float, sha
     """Whether most rays of a LiDAR in a box go on behind the object, so that it isn't there; `std` is the relative
     error of its depth.
     """
-    if Source.L not in view.rays or np.isnan(depth_m):
+    if view.rays is None or np.isnan(depth_m):
         return False
-    depths, reach = view.rays[Source.L].depths(box), float(np.exp(_GATE * std))
+    depths, reach = view.rays.depths(box), float(np.exp(_GATE * std))
     if len(depths) < _LEAST_RAYS:
         return False
     return stage.share_beyond(depths, depth_m / reach - _BEFORE_M, depth_m * reach + _BEHIND_M) > share

@@ -1,7 +1,7 @@
 """Detection by all LiDARs, and by all radars, in all images of a rig, timed; with cameras' boxes in one form."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -219,7 +219,7 @@ class InImages:
 
     seen: Mapping[str, ImageObservations] = field(default_factory=dict)
     points: Mapping[str, Points] = field(default_factory=dict)  # Those over the ground
-    rays: Mapping[str, Rays] = field(default_factory=dict)  # All points
+    rays: Mapping[str, Rays] = field(default_factory=dict)  # All points, of LiDARs only
 
 
 class LidarInImages:
@@ -236,7 +236,8 @@ class LidarInImages:
             return InImages()
         cloud = of_lidar(self._stage.obstacles(xyz, clock), self._viewpoint)
         with clock.stage("detect.lidar"):
-            return _find_spots(self._rig, self._cameras, cloud, xyz, Source.L, self._params)
+            found = _find_spots(self._rig, self._cameras, cloud, Source.L, self._params)
+            return replace(found, rays={name: Rays.of(self._rig, name, xyz) for name in self._cameras})
 
 
 class RadarInImages:
@@ -257,26 +258,20 @@ class RadarInImages:
             cloud = of_radar(echoes, self._viewpoint, self._radar.min_speed_mps, self._image)
         with clock.stage("detect.radar"):
             if cloud.plane is not None:
-                return _find_spots(self._rig, self._cameras, cloud, echoes.xyz, Source.R, self._image)
+                return _find_spots(self._rig, self._cameras, cloud, Source.R, self._image)
             view = radar.detect(echoes, self._radar)
             rate = relative_rates(view, echoes)
             return InImages({name: by_boxes(self._rig, name, view.boxes, rate, Source.R) for name in self._cameras})
 
 
 def _find_spots(
-    rig: Rig,
-    cameras: tuple[str, ...],
-    cloud: Cloud,
-    xyz: Float64,
-    source: Source,
-    params: LidarImageParams | RadarImageParams,
+    rig: Rig, cameras: tuple[str, ...], cloud: Cloud, source: Source, params: LidarImageParams | RadarImageParams
 ) -> InImages:
-    """Detect in a cloud over the ground; `xyz` (N, 3) holds all points."""
+    """Detect in a cloud over the ground."""
     found = {name: spots(rig, name, cloud, params) for name in cameras}
     return InImages(
         {name: by_points(one, source) for name, (_, one) in found.items()},
         {name: points for name, (points, _) in found.items()},
-        {name: Rays.of(rig, name, xyz) for name in cameras},
     )
 
 

@@ -27,12 +27,12 @@ def camera(*boxes, score=0.8, label="car", min_score=0.6):
 
 def view(camera=None, lidar=None, radar=None, early=True) -> ImageView:
     """What a camera (its sightings), LiDAR and radar (clouds) see; early: with the points themselves."""
-    parts, points, rays = [] if camera is None else [camera], {}, {}
+    parts, points = [] if camera is None else [camera], {}
     for kind, one in ((Source.L, lidar), (Source.R, radar)):
         if one is not None:
             points[kind], found = spots(RIG, "cam", one, PARAMS)
             parts.append(by_points(found, kind))
-            rays[kind] = Rays.of(RIG, "cam", one.xyz)
+    rays = None if lidar is None else Rays.of(RIG, "cam", lidar.xyz)
     return ImageView(RIG, "cam", ImageObservations.join(parts), camera is not None, points if early else {}, rays)
 
 
@@ -88,6 +88,12 @@ def test_an_object_through_which_rays_go_is_believed_less():
     assert odds(seen.score[0]) == pytest.approx(0.25 * odds(found(camera(CAR)).score[0]))
     hidden = found(camera(CAR), lidar=cloud(back(8, width_m=6.0, top_m=4.0)))
     assert hidden.score[hidden.sources == 1].tolist() == found(camera(CAR)).score.tolist()
+
+
+def test_radar_behind_an_object_says_nothing_against_it():
+    alone = found(camera(CAR)).score.tolist()
+    seen = found(camera(CAR), radar=cloud(wall()))
+    assert seen.score[seen.sources == 1].tolist() == alone
 
 
 def test_two_objects_at_different_depths_stay_two():
