@@ -1,6 +1,9 @@
 """Motion of a radar over ground, from the radial velocities of one scan."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -10,6 +13,12 @@ INLIER_MPS = 0.4
 _MAX_SPEED_MPS = 45.0
 _STEP_MPS = 0.2
 _MIN_POINTS = 8
+_MIN_SHARE, _STILL_SHARE = 0.4, 0.6  # Of points that agree, so that a scan says something
+_MOVING_MPS, _STILL_MPS = 1.5, 0.2
+_MIN_VOTES, _MAJORITY, _MIN_TURNOUT = 3, 0.8, 0.3
+
+Motion = Literal["included", "removed", "still", "unknown"]
+"""The vehicle's own motion in a radar's velocities; `still`: there is none, and nothing says that the vehicle moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +61,34 @@ def fit_ego(directions: Float64, speed_mps: Float64, period_mps: float | None) -
         velocity = _refine(d, v, velocity, period_mps, band * INLIER_MPS)
     agreeing = np.abs(_residual(d, v, velocity, period_mps)) < INLIER_MPS
     return EgoFit(velocity, float(agreeing.mean()), opposite / len(v))
+
+
+def read_motion(fit: EgoFit | None, is_moving: bool) -> Motion:
+    """Say what one scan shows, by its fit; `is_moving`: others say that the vehicle moves."""
+    if fit is None or fit.share < _MIN_SHARE:
+        return "unknown"
+    if abs(fit.velocity_mps[0]) > _MOVING_MPS:
+        return "included"
+    is_still = abs(fit.velocity_mps[0]) < _STILL_MPS and fit.share >= _STILL_SHARE
+    return ("removed" if is_moving else "still") if is_still else "unknown"
+
+
+def decide_motion(shown: Sequence[Motion]) -> Motion:
+    """Decide about a radar by what its scans show: at least three must agree, four fifths of those that show a motion
+    included or removed, and three tenths of those in which the vehicle doesn't stand; else it is unknown.
+    """
+    counts = Counter(shown)
+
+    def is_clear(motion: Motion, rivals: int, num: int) -> bool:
+        votes = counts[motion]
+        return votes >= max(_MIN_VOTES, _MAJORITY * (votes + rivals), _MIN_TURNOUT * num)
+
+    num_moving = len(shown) - counts["still"]
+    if is_clear("included", counts["removed"], num_moving):
+        return "included"
+    if is_clear("removed", counts["included"], num_moving):
+        return "removed"
+    return "still" if is_clear("still", counts["included"] + counts["removed"], len(shown)) else "unknown"
 
 
 def wrap_velocity(speed_mps: Float64, period_mps: float | None) -> Float64:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fbench.replay.data.messages import Pose, RadarScan
 from fbench.replay.data.rig import Rig
-from fbench.replay.geometry.ego_velocity import fit_ego
+from fbench.replay.geometry.ego_velocity import EgoFit, decide_motion, fit_ego, read_motion
 from fbench.replay.setup.guess_sensors import Candidate
 from fbench.replay.setup.inspection import Line, SampledTopic
 
@@ -24,11 +24,7 @@ def forward_speed(poses: Sequence[Pose]) -> float | None:
     return float(np.median(speeds)) if speeds else None
 
 
-_MIN_SHARE = 0.4
-_STILL_SHARE = 0.6
-_MOVING_MPS = 1.5
 _SURELY_MOVING_MPS = 3.0
-_STILL_MPS = 0.2
 
 
 def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | None) -> dict[str, tuple[Line, ...]]:
@@ -40,7 +36,7 @@ def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | 
     velocities at all gets no lines.
     """
     radars = [s for s in sensors if s.kind == "radar" and s.name in rig.mounts and _measures_velocity(s)]
-    votes = {s.name: _cast_votes(s, rig) for s in radars}
+    fits = {s.name: _fit_scans(s, rig) for s in radars}
     by_window = defaultdict[int, list[Pose]](list)
     for sample in () if poses is None else poses.samples:
         if sample.pose is not None:
@@ -48,9 +44,9 @@ def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | 
     speeds = {window: speed for window, own in by_window.items() if (speed := forward_speed(own)) is not None}
     found: dict[str, tuple[Line, ...]] = {}
     for s in radars:
-        others = [vote for name, cast in votes.items() if name != s.name for vote in cast]
+        others = [(w, _ahead_mps(fit)) for name, own in fits.items() if name != s.name for w, fit in own]
         moving = {window for window, speed in (*others, *speeds.items()) if abs(speed) > _SURELY_MOVING_MPS}
-        lines = _decide(votes[s.name], len(_scans(s)), moving, speeds)
+        lines = _decide(fits[s.name], moving, speeds)
         found[s.name] = tuple(map(_compare_with_own, lines)) if s.is_own else lines
     return found
 
@@ -73,57 +69,61 @@ def _compare_with_own(line: Line) -> Line:
     return Line(line.key, meant, f"as in all logs that fbench writes, but {line.why}: {line.value}", is_guess=True)
 
 
-def _cast_votes(radar: Candidate, rig: Rig) -> list[tuple[int, float]]:
-    """Fit the motion of each scan as if its velocities were positive when receding and unambiguous. Return its window
-    and what it says of things straight ahead that stand still [m/s], with the sign of its numbers; 0: no motion.
-    """
+def _fit_scans(radar: Candidate, rig: Rig) -> list[tuple[int, EgoFit | None]]:
+    """Fit the motion of each scan as if its velocities were positive when receding and unambiguous, with its window."""
     rotation = rig.body_T_sensor(radar.name)[:3, :3]
-    votes = []
+    fits: list[tuple[int, EgoFit | None]] = []
     for sample in radar.sampled.samples:
-        if sample.scan is None or sample.scan.radial_velocity_mps is None:
+        if sample.scan is None:
+            continue
+        if sample.scan.radial_velocity_mps is None:
+            fits.append((sample.window, None))
             continue
         xyz = np.asarray(sample.scan.xyz, np.float64)
         distance = np.sqrt((xyz**2).sum(axis=1))
         good = (distance > 1.0) & (distance < 1e6)  # neither too near for a direction nor not finite
         unit = xyz[good] / distance[good, None]
         directions = np.stack([unit[:, 0] * m[0] + unit[:, 1] * m[1] + unit[:, 2] * m[2] for m in rotation], axis=1)
-        fit = fit_ego(directions, np.asarray(sample.scan.radial_velocity_mps, np.float64)[good], None)
-        if fit is None or fit.share < _MIN_SHARE:
-            continue
-        ahead_mps = -float(fit.velocity_mps[0])
-        if abs(ahead_mps) > _MOVING_MPS:
-            votes.append((sample.window, ahead_mps))
-        elif abs(ahead_mps) < _STILL_MPS and fit.share >= _STILL_SHARE:
-            votes.append((sample.window, 0.0))
-    return votes
+        speed = np.asarray(sample.scan.radial_velocity_mps, np.float64)[good]
+        fits.append((sample.window, fit_ego(directions, speed, None)))
+    return fits
+
+
+def _ahead_mps(fit: EgoFit | None) -> float:
+    """What a scan says of things straight ahead that stand still [m/s], with the sign of its numbers; 0: no motion."""
+    return 0.0 if fit is None or read_motion(fit, is_moving=False) != "included" else -float(fit.velocity_mps[0])
 
 
 def _decide(
-    votes: Sequence[tuple[int, float]], num_scans: int, moving: set[int], speeds: Mapping[int, float]
+    fits: Sequence[tuple[int, EgoFit | None]], moving: set[int], speeds: Mapping[int, float]
 ) -> tuple[Line, ...]:
-    included = [vote for vote in votes if vote[1]]
-    free = [window for window, ahead_mps in votes if not ahead_mps and window in moving]
-    if len(free) > len(included):
-        why = f"{len(free)} of {num_scans} scans show no motion while other sensors say that the vehicle moves"
-        return (
-            Line("doppler", "receding", "the vehicle's own motion doesn't show the sign", is_guess=True),
-            Line("ego_motion", "removed", why, is_guess=len(free) < 3),
-        )
-    if not included:
-        unclear = f"none of {num_scans} scans shows a motion clearly"
-        why = "the vehicle hardly moves in the sampled scans" if votes else unclear
+    shown = [read_motion(fit, window in moving) for window, fit in fits]
+    motion, num_scans = decide_motion(shown), len(fits)
+    if motion == "removed":
+        num = f"{shown.count('removed')} of {num_scans} scans"
+        why = f"{num} show no motion while other sensors say that the vehicle moves"
+        sign = Line("doppler", "receding", "the vehicle's own motion doesn't show the sign", is_guess=True)
+        return sign, Line("ego_motion", "removed", why)
+    if motion == "still":
+        why = "the vehicle hardly moves in the sampled scans"
         return Line("doppler", "receding", why, is_guess=True), Line("ego_motion", "included", why, is_guess=True)
+    included = [(window, ahead) for window, fit in fits if (ahead := _ahead_mps(fit))]
     # Things ahead recede only from a vehicle that reverses.
     receding = [(ahead_mps < 0) != (speeds.get(window, 1.0) < -1.0) for window, ahead_mps in included]
-    sign = "receding" if 2 * sum(receding) >= len(receding) else "approaching"
+    sign_name = "receding" if 2 * sum(receding) >= len(receding) else "approaching"
+    if motion == "unknown":
+        show = "shows" if len(included) < 2 else "show"
+        few = f"{len(included) or 'none'} of {num_scans} scans {show} a motion clearly"
+        why = f'unknown, {few}; set "removed" if the radar takes the vehicle\'s own motion out'
+        return Line("doppler", sign_name, few, is_guess=True), Line("ego_motion", "included", why, is_guess=True)
     num = max(sum(receding), len(receding) - sum(receding))
     speed = float(np.median([abs(ahead_mps) for _, ahead_mps in included]))
-    is_clear = num >= 3 and num >= 0.8 * len(included) and len(included) >= 0.3 * num_scans
     backed = "poses say so" if speeds else "assuming that it drives forward"
     why = f"{num} of {num_scans} scans fit a vehicle at {speed:.1f} m/s, {backed}"
+    is_clear = num >= max(3, 0.8 * len(included))
     return (
-        Line("doppler", sign, why, is_guess=not is_clear),
-        Line("ego_motion", "included", "stationary objects move relative to the vehicle", is_guess=not is_clear),
+        Line("doppler", sign_name, why, is_guess=not is_clear),
+        Line("ego_motion", "included", "stationary objects move relative to the vehicle"),
     )
 
 

@@ -9,7 +9,15 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import Pixels
-from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrap_velocity
+from fbench.replay.geometry.ego_velocity import (
+    INLIER_MPS,
+    EgoFit,
+    Motion,
+    decide_motion,
+    fit_ego,
+    read_motion,
+    wrap_velocity,
+)
 from fbench.replay.geometry.stereo_pairs import pairs, rectify
 from fbench.reports.preview import draw
 from fbench.reports.preview.alignment import align, edges_of, edges_view
@@ -21,8 +29,8 @@ from fbench.reports.preview.times import Axes, SensorTimes, span_axes, time_pane
 from fbench.reports.preview.views import mounting
 
 _COLUMNS, _CELL = 3, (426, 270)
-_MOVING_MPS = 0.5
 _MIN_SHARE = 0.3
+_EGO_MOVING_MPS = 1.5
 _NEAR_M, _FAR_M = 25.0, 150.0
 """Nearer boxes should hold points, unless they are hidden; nobody labels what is farther away."""
 _MIDDLE, _WIDER_M = 0.3, 0.5
@@ -111,26 +119,44 @@ def _judge(scans: Sequence[_Scan], period_mps: float | None) -> tuple[str, bool]
     if share < _MIN_SHARE:
         why = "wrong mounting, units or sign by direction, no stationary objects, or velocities without period"
         return f"no speed of the vehicle explains the points ({share:.0%} agree at best): {why}", True
-    moving = [fit for fit in fits if abs(fit.velocity_mps[0]) > _MOVING_MPS and fit.share >= _MIN_SHARE]
     egos = [scan.ego_mps for scan in scans if scan.ego_mps is not None]
     ego = float(np.median(egos)) if egos else None
-    if 3 * len(moving) < len(fits):
+    motion, shown = _find_motion(scans)
+    if motion == "unknown":
+        return _unclear(shown), False
+    if motion != "included":
         return _still(ego)
+    moving = [scan.fit for scan, one in zip(scans, shown, strict=True) if scan.fit is not None and one == "included"]
     speed = float(np.median([fit.velocity_mps[0] for fit in moving]))
     agree = f"{float(np.median([fit.share for fit in moving])):.0%} of the points agree"
     rivals = float(np.median([fit.share - fit.opposite_share for fit in moving]))
     return _moving(speed, ego, agree, is_clear=rivals > 0.05)
 
 
+def _find_motion(scans: Sequence[_Scan]) -> tuple[Motion, list[Motion]]:
+    """Return what the scans show together, and one by one."""
+    shown = [read_motion(s.fit, s.ego_mps is not None and abs(s.ego_mps) > _EGO_MOVING_MPS) for s in scans]
+    return decide_motion(shown), shown
+
+
+def _unclear(shown: Sequence[Motion]) -> str:
+    num = len(shown) - shown.count("unknown")
+    few = f"{num} of {len(shown)} scans {'shows' if num == 1 else 'show'} clearly how the vehicle moves"
+    return f"unknown: {few}, and not enough agree; set doppler and ego_motion in fbench.toml as the radar's manual says"
+
+
 def _is_motion_removed(scans: Sequence[_Scan]) -> tuple[str, bool]:
+    motion, shown = _find_motion(scans)
     share = float(np.median([np.mean(np.abs(scan.speed_mps) < INLIER_MPS) for scan in scans]))
-    if share < _MIN_SHARE:
+    if motion == "included":
         return f"the vehicle's own motion is said to be removed, but only {share:.0%} of the points stand still", True
+    if motion == "unknown":
+        return _unclear(shown), False
     return f"the vehicle's own motion is removed, as said: {share:.0%} of the points stand still", False
 
 
 def _still(ego: float | None) -> tuple[str, bool]:
-    if ego is not None and abs(ego) > 1.5:
+    if ego is not None and abs(ego) > _EGO_MOVING_MPS:
         removed = 'the vehicle\'s own motion has been removed already: set ego_motion = "removed"'
         return f"most points don't move though the vehicle drives at {ego:.1f} m/s: {removed}", True
     if ego is not None:
@@ -147,7 +173,7 @@ def _moving(speed: float, ego: float | None, agree: str, is_clear: bool) -> tupl
 
     flip = "the sign is the other way round: change doppler in fbench.toml"
     found = f"stationary points say that the vehicle drives {way(speed)} at {abs(speed):.1f} m/s ({agree})"
-    if ego is not None and abs(ego) > 1.5:
+    if ego is not None and abs(ego) > _EGO_MOVING_MPS:
         told = f"its poses say {way(ego)} at {abs(ego):.1f} m/s"
         if speed * ego < 0 and abs(speed + ego) < max(2.0, 0.3 * abs(ego)):
             return f"{found}, {told}: {flip}", True

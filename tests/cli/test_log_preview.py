@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from tests.cli.conftest import FORWARD, MS, UPRIGHT, messages, rig, truths, write_log
+from tests.replay.logs.codecs.ros.builders import cloud, structured
+from tests.replay.setup import drive as d
 
 from fbench.replay.data.messages import Image, PointCloud, Pose
 from fbench.replay.data.rig import LogInfo, Mount, Rig
@@ -133,6 +135,33 @@ def test_a_wrong_sign_is_told(fbench, tmp_path):
     wrong = fbench("log", "preview", "wrong.mcap", "--json").json()
     assert [v["is_bad"] for v in right["verdicts"] if v["what"] == "doppler"] == [False]
     assert [v["is_bad"] for v in wrong["verdicts"] if v["what"] == "doppler"] == [True]
+
+
+@pytest.mark.parametrize("num_clear", [1, 20])
+def test_init_and_preview_agree_about_the_motion_of_a_radar(fbench, tmp_path, num_clear):
+    """A radar that sees noise in all scans but the first ones, which stand still while poses say that it drives."""
+    log, rng = d.Drive(), np.random.Generator(np.random.Philox(7))
+    log.add("/tf_static", d.START_NS, d.transforms([("base_link", "radar", (0, 0, 0.5), (0, 0, 0, 1))]))
+    azimuth = np.linspace(-0.8, 0.8, 60)
+    for i, ns in d.steps(20, 100):
+        noise = rng.uniform(-25, 25, 60) if i >= num_clear else np.zeros(60)
+        rows = structured(x=(20 * np.cos(azimuth)).astype("f4"), y=(20 * np.sin(azimuth)).astype("f4"),
+                          z=np.zeros(60, "f4"), velocity=noise.astype("f4"))  # fmt: skip
+        log.add("/radar/points", ns + 5 * d.MS, cloud(d.ROS, rows, frame_id="radar", stamp=d.stamp(ns)))
+        for part in range(4):
+            at = ns + part * 25 * d.MS
+            log.add("/odom", at, d.odometry(at, 10.0 * (at - d.START_NS) / 1e9))
+    path = log.write(tmp_path / "log.mcap")
+    assert fbench("init", path).code == 0
+    said = (tmp_path / "fbench.toml").read_text().partition("ego_motion = ")[2].partition("\n")[0]
+    preview = fbench("log", "preview", path, "-o", "sheet", "--frames", "0:20", "--json").json()
+    (verdict,) = [v["text"] for v in preview["verdicts"] if v["what"] == "doppler"]
+    if num_clear == 1:
+        assert said.startswith('"included"  # guess: unknown, none of 20 scans shows a motion clearly; set "removed"')
+        assert verdict.startswith("no speed of the vehicle explains the points")
+    else:
+        assert said == '"removed"  # 20 of 20 scans show no motion while other sensors say that the vehicle moves'
+        assert verdict.startswith("the vehicle's own motion is removed, as said")
 
 
 @pytest.mark.parametrize(

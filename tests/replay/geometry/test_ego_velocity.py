@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbench.replay.geometry.ego_velocity import fit_ego, wrap_velocity
+from fbench.replay.geometry.ego_velocity import decide_motion, fit_ego, read_motion, wrap_velocity
 
 
 def directions(azimuth_deg):
@@ -49,3 +49,31 @@ def test_the_order_of_points_changes_nothing():
     v = -(d @ np.array([12.0, 0, 0])) + rng.normal(0, 0.1, 80)
     order = rng.permutation(80)
     assert fit_ego(d[order], v[order], None).velocity_mps == pytest.approx(fit_ego(d, v, None).velocity_mps, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "is_moving", "shown"),
+    [(9.0, False, "included"), (-9.0, True, "included"), (0.0, True, "removed"), (0.0, False, "still"),
+     (1.0, True, "unknown")],
+)  # fmt: skip
+def test_a_scan_shows_how_the_vehicle_moves(speed_mps, is_moving, shown):
+    d = directions(np.linspace(-50, 50, 101))
+    assert read_motion(fit_ego(d, -(d @ np.array([speed_mps, 0, 0])), None), is_moving) == shown
+
+
+@pytest.mark.parametrize(
+    ("counts", "motion"),
+    [
+        ({"unknown": 47, "included": 1}, "unknown"),
+        ({"unknown": 47, "removed": 1}, "unknown"),
+        ({"still": 47, "included": 1}, "still"),
+        ({"unknown": 20, "included": 28}, "included"),
+        ({"included": 2}, "unknown"),  # too few
+        ({"included": 3}, "included"),
+        ({"included": 30, "removed": 18}, "unknown"),  # no clear majority
+        ({"removed": 30, "included": 7}, "removed"),
+        ({"still": 38, "included": 10}, "included"),  # a long red light says nothing
+    ],
+)
+def test_a_radar_is_decided_about_by_a_clear_majority(counts, motion):
+    assert decide_motion([shown for shown, num in counts.items() for _ in range(num)]) == motion
