@@ -13,7 +13,7 @@ from fbench.cli import options
 from fbench.cli.show import console, fault_lines, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
-_NO_USE = "LOG012"  # Topics that fbench has no use for are converted like all others
+_NO_USE = ("LOG012", "LOG013")  # Topics that fbench has no use for are converted like all others
 
 
 def convert(
@@ -76,7 +76,7 @@ def convert(
         total = sum(container.counts.values())
         with message_progress(f"{source.name} → {target.path.name}", total) as progress:
             result = convert_container(container, target, request, progress)
-    rows = [row for row in faults.rows() if row["code"] != _NO_USE]
+    rows = [row for row in faults.rows() if row["code"] not in _NO_USE]
     code = EXIT_LOSSY if faults.num_lost else EXIT_OK
     if json:
         print_json({**asdict(result), "path": str(result.path), "faults": rows})

@@ -145,13 +145,15 @@ def latency_table(latency: dict[str, Any]) -> Table:
 
 
 def fault_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """One line a kind of fault that was met, from the rows of a `FaultLog`."""
-    return [
-        f"fault: {row['code']} {row['text']}: {row['count']}"
-        + (f" (first: {row['places'][0]})" if row["places"] else "")
-        for row in rows
-        if row["count"]
-    ]
+    """One line a kind of fault that was met, from the rows of a `FaultLog`; one a topic of a sensor that isn't read."""
+    lines = []
+    for row in (row for row in rows if row["count"]):
+        head, places = f"fault: {row['code']} {row['text']}: ", row["places"]
+        if row["code"] == "LOG013":
+            lines += [head + place for place in places]
+        else:
+            lines.append(f"{head}{row['count']}" + (f" (first: {places[0]})" if places else ""))
+    return lines
 
 
 _ON_TERMINAL = ("accuracy", "robustness", "latency")  # The others are in the files

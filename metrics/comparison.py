@@ -69,7 +69,9 @@ def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> C
             "score both with the same options, and compare 3D with 3D, 2D with 2D"
         )
     if all(before[key].value is None for key in primary):
-        raise MetricError(f"nothing to compare: base has no value of f1 or mota ({before[primary[0]].reason})")
+        why = before[primary[0]].reason
+        advice = "fbench score RUN --truth FILE adds truth to a run"
+        raise MetricError(f"nothing to compare: base has no value of f1 or mota ({why}); {advice}")
     rows = []
     for key in {**before, **after}:
         one, other = before.get(key), after.get(key)

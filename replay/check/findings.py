@@ -29,6 +29,8 @@ RULES: Mapping[str, Rule] = {
     "LOG010": Rule("warning", "name topics in UTF-8; the bytes are shown as \\xff"),
     "LOG011": Rule("error", "copy the whole recording"),
     "LOG012": Rule("info", "nothing, if these topics aren't needed"),
+    "LOG013": Rule("warning", "read it with --decoder and a decoder plug-in, see docs/plugins.md; if nothing is missed "
+                   "without it, --ignore LOG013"),
     "PQ002": Rule("error", "copy the folder again from where it was written; what is damaged is skipped"),
     "DEC001": Rule("error", "look at the program that wrote the message; it is skipped"),
     "DEC002": Rule("error", "look at the camera's driver; the image can't be decoded as it should"),
@@ -41,7 +43,8 @@ RULES: Mapping[str, Rule] = {
     "DAT004": Rule("warning", "drop such points when recording; fbench drops them when replaying"),
     "DAT005": Rule("error", "look at the localization that wrote it"),
     "LIM003": Rule("error", "record the calibration of this image size"),
-    "CAL001": Rule("error", "record the calibration, or leave the sensor out with --topics '!NAME'"),
+    "CAL001": Rule("error", "record the calibration, let fbench init write an fbench.toml that says how to add it, or "
+                   "leave the sensor out with --topics '!NAME'"),
     "CAL002": Rule("info", "nothing, if the calibration was meant to change; trackers start afresh"),
     "TIM001": Rule("warning", "stamp messages in the order of measurement; fbench drops those that run back"),
     "TIM003": Rule("warning", "look at the driver: one sensor can't measure twice at once",

@@ -9,7 +9,7 @@ from fbench.replay.check.times import StreamStats, Times, stream_stats, time_fin
 from fbench.replay.check.trial import FrameCheck, FrameStats, Trial
 from fbench.replay.check.truth import TruthCheck, TruthClock
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.contracts.faults import FAULTS, UNVERIFIED, FaultLog
+from fbench.replay.contracts.faults import FAULTS, UNREAD_SENSOR, UNVERIFIED, FaultLog
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.images import LAYOUTS, decode, read_size
@@ -196,6 +196,8 @@ class _Check:
             if code == UNVERIFIED and not self._reader.container.keeps_checksums:
                 text = "the format has no checksums, so damage could go unnoticed"
                 yield finding(code, "", text, num, first, "info", "nothing; fbench log convert writes a log with them")
+            elif code == UNREAD_SENSOR:
+                yield from (finding(code, "", place) for place in places)
             else:
                 yield finding(code, "", text, num, first)
 

@@ -68,6 +68,10 @@ class UnsupportedError(DecodeError):
     """A message in a form that fbench has no use for, such as a depth image."""
 
 
+class DepthError(UnsupportedError):
+    """A depth image, which no pipeline uses as a picture."""
+
+
 class PointsError(DecodeError):
     """A cloud whose sizes don't fit together, or that has no coordinates."""
 

@@ -23,6 +23,7 @@ class FaultKind:
 
 
 UNVERIFIED = "LOG006"  # Flipped bits would go unnoticed
+UNREAD, UNREAD_SENSOR = "LOG012", "LOG013"
 FAULTS: dict[str, FaultKind] = {
     "LOG001": FaultKind("fatal", "not a log"),
     "LOG002": FaultKind("count", "log is truncated"),
@@ -36,6 +37,7 @@ FAULTS: dict[str, FaultKind] = {
     "LOG010": FaultKind("count", "name isn't UTF-8, escaped"),
     "LOG011": FaultKind("count", "file of the recording is missing"),
     "LOG012": FaultKind("degrade", "topic of a type that fbench has no use for"),
+    "LOG013": FaultKind("degrade", "topic that looks like a sensor's and isn't read"),
     "PQ001": FaultKind("fatal", "Parquet log is damaged, or lacks columns"),
     "PQ002": FaultKind("count", "damaged row group skipped"),
     "DEC001": FaultKind("count", "message can't be decoded"),
@@ -193,13 +195,15 @@ def parse_budget(on_fault: str, budgets: Sequence[str]) -> FaultBudget:
 @contextmanager
 def explain_losses(faults: FaultLog) -> Iterator[None]:
     """Add what was lost before to the message of a log that can't be used: the first such fault of the table, else the
-    first topic that is left out though its type is known.
+    first topic of a sensor that isn't read, or is left out though its type is known.
     """
     try:
         yield
     except LogError as error:
         lost = [(code, places) for code, places in sorted(faults.places.items()) if FAULTS[code].behaviour == "count"]
-        left_out = (place for place in faults.places.get("LOG012", []) if "is left out: " in place)
+        unread = (*faults.places.get(UNREAD_SENSOR, []), *faults.places.get(UNREAD, []))
+        sensors = len(faults.places.get(UNREAD_SENSOR, []))
+        left_out = (place for i, place in enumerate(unread) if i < sensors or "is left out: " in place)
         first = next((f"{FAULTS[code].text}: {places[0]}" for code, places in lost), next(left_out, None))
         if first is None:
             raise

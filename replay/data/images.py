@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fbench.replay.contracts.errors import DecodeError, UnsupportedError
+from fbench.replay.contracts.errors import DecodeError, DepthError, UnsupportedError
 from fbench.replay.data.messages import Image
 
 Pixels = NDArray[np.uint8]
@@ -65,7 +65,7 @@ def layout_name(encoding: str) -> str:
     Raises UnsupportedError where it isn't in `LAYOUTS`, or is that of depth images.
     """
     if encoding in DEPTH:
-        raise UnsupportedError(f"image encoding '{encoding}' is that of a depth image, not supported")
+        raise DepthError(f"image encoding '{encoding}' is that of a depth image, not supported")
     name = _OTHER_NAMES.get(encoding, encoding)
     if name not in LAYOUTS:
         raise UnsupportedError(f"image encoding '{encoding}' isn't supported, only {', '.join(LAYOUTS)}")

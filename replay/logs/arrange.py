@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.contracts.faults import UNREAD
 from fbench.replay.data.messages import Message, RadarScan
 from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.codecs.foxglove.topics import RESULTS2D, RESULTS3D
@@ -45,7 +46,7 @@ def _drop_repeats(roles: Mapping[int, Role], container: Container) -> dict[int, 
     for _, role in sorted(roles.items()):
         if role.same_as:
             what = f"'{role.same_as}' holds the measurements of the same sensor"
-            container.once("LOG012", (role.topic,), f"topic '{role.topic}' is left out: {what}")
+            container.once(UNREAD, (role.topic,), f"topic '{role.topic}' is left out: {what}")
     return {id_: role for id_, role in roles.items() if not role.same_as}
 
 

@@ -141,7 +141,9 @@ class RigState:
             moving = self.setup.rig.moving  # what a file with calibration says, where it can't tell the pose
             steps = [moving[step] for step in self.tree.trace(frame) if step in moving]
             why += f"; {steps[0]} has no fixed pose" if steps else ""
-            return LogError(f"{where} has no transform to the body ({why}); add it, {leave_out}", "CAL001")
+            return LogError(
+                f"{where} has no transform to the body ({why}); add it with fbench init or --rig, {leave_out}", "CAL001"
+            )
         return Mount(kind, *pose)
 
     def _camera(self, name: str, frame: str, folder: str) -> CameraModel | LogError:
@@ -153,8 +155,9 @@ class RigState:
             camera = self.cameras.get(frame, self.neighbors.get(folder))
         camera = self.patch.cameras.get(name, camera)
         if camera is None:
-            what = f"has no calibration (CameraCalibration or CameraInfo for '{frame}'); add it, {_leave_out(name)}"
-            return LogError(f"{self.container.path}: camera '{name}' {what}", "CAL001")
+            what = f"has no calibration (CameraCalibration or CameraInfo for '{frame}')"
+            add = f"add it with --rig, {_leave_out(name)}"
+            return LogError(f"{self.container.path}: camera '{name}' {what}; {add}", "CAL001")
         return camera
 
 

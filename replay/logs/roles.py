@@ -7,7 +7,15 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import islice
 
-from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError, UnsupportedError, did_you_mean
+from fbench.replay.contracts.errors import (
+    ConfigError,
+    DecodeError,
+    DepthError,
+    LogError,
+    UnsupportedError,
+    did_you_mean,
+)
+from fbench.replay.contracts.faults import UNREAD, UNREAD_SENSOR
 from fbench.replay.data.messages import Image, Message
 from fbench.replay.data.video import CODECS
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, NothingError, Origin, Probe
@@ -67,7 +75,7 @@ def roles(container: Container, decoders: Sequence[NamedDecoder] = ()) -> dict[i
         try:
             codec = codecs.of(channel)
         except UnsupportedError as error:
-            container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
+            container.once(UNREAD_SENSOR, (topic,), f"topic '{topic}' is left out: {error}")
             continue
         except DecodeError as error:  # a damaged or hostile definition makes its topic unreadable, not the log
             container.once("LOG008", (topic,), f"topic '{topic}' can't be decoded: {error}")
@@ -79,8 +87,12 @@ def roles(container: Container, decoders: Sequence[NamedDecoder] = ()) -> dict[i
             foreign[id_] = codec
         else:
             unused[id_] = channel
-    for channel in (channel for id_, channel in unused.items() if id_ not in codecs.metadata):
-        container.once("LOG012", (channel.topic,), f"topic '{channel.topic}' has {describe_unread(channel)}")
+    for id_, channel in ((id_, channel) for id_, channel in unused.items() if id_ not in codecs.metadata):
+        is_missed = bool(container.counts.get(id_)) and looks_like_sensor(channel)
+        what = f"topic '{channel.topic}' has {describe_unread(channel)}"
+        if is_missed and "--decoder" not in what:
+            what += "; a decoder plug-in can read it, named with --decoder"
+        container.once(UNREAD_SENSOR if is_missed else UNREAD, (channel.topic,), what)
     schemas: dict[str, str] = {}
     transforms = {id_ for id_, codec in foreign.items() if codec.kinds == ("transform",)}
     for id_ in sorted({*found, *foreign} - transforms):
@@ -104,6 +116,34 @@ def describe_unread(channel: Channel) -> str:
     return text if is_known else f"{text}, an encoding that only a decoder plug-in can read; name one with --decoder"
 
 
+SENSOR_WORDS = ("packet", "scan", "cloud", "points", "image", "video", "lidar", "radar")
+"""In names of topics and types with measurements."""
+_OTHER_WORDS = (
+    "imu",
+    "status",
+    "state",
+    "diagnos",
+    "info",
+    "config",
+    "health",
+    "depth",
+    "marker",
+    "parameter",
+    "event",
+)
+_OTHER_PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs", "diagnostic_msgs", "rosgraph_msgs", "rcl_interfaces",
+                   "visualization_msgs", "tf2_msgs")  # fmt: skip
+
+
+def looks_like_sensor(channel: Channel) -> bool:
+    """Tell by the names of its topic and type whether a channel seems to hold what a camera, LiDAR or radar measured,
+    rather than what is known of a sensor's state, or was made of its measurements.
+    """
+    name, package = f"{channel.topic} {channel.schema_name}".lower(), channel.schema_name.partition("/")[0]
+    is_measured = any(word in name for word in SENSOR_WORDS) and not any(word in name for word in _OTHER_WORDS)
+    return is_measured and package not in _OTHER_PACKAGES
+
+
 def _require_use(container: Container, decoders: Sequence[NamedDecoder]) -> None:
     channels = container.channels.values()
     for named in decoders:
@@ -122,8 +162,8 @@ class Codecs:
 
     def __init__(self, container: Container, decoders: Sequence[NamedDecoder] = ()) -> None:
         self._container, self._decoders = container, decoders
-        self.metadata: set[int] = set()
-        """Channels that say how others are decoded, or hold nothing of interest."""
+        self.metadata: dict[int, str] = {}
+        """Channels that say how others are decoded, or hold nothing of interest, and what they hold."""
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:
@@ -240,7 +280,9 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
             if tried == _MAX_SEARCHED:
                 break
         except UnsupportedError as error:
-            container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
+            is_missed = codec.kinds[0] in SENSORS and not isinstance(error, DepthError)
+            code = UNREAD_SENSOR if is_missed else UNREAD
+            container.once(code, (topic,), f"topic '{topic}' is left out: {error}")
             return None
         except DecodeError as error:
             container.once("DEC001", (entry.part, entry.block, entry.offset), f"{topic} at {entry.publish_ns}: {error}")

@@ -34,8 +34,10 @@ class Body:
 
     @property
     def left_out(self) -> Mapping[str, str]:
-        """Sensors that can't be used, and why. Where no camera is calibrated, their images can be used alone."""
-        if self.rig.cameras:
+        """Sensors that can't be used, and why. Where no camera has its place and its calibration, the images of all can
+        be used alone.
+        """
+        if any(name in self.rig.mounts for name in self.cameras):
             return self.problems
         return {name: why for name, why in self.problems.items() if name not in self.cameras}
 

@@ -306,6 +306,7 @@ def _unread_topics(container: Container, found: Mapping[int, Role]) -> tuple[Lef
             why = f"fbench reads no '{channel.schema_name or channel.encoding or 'unknown type'}'"
             try:
                 codec = codecs.of(channel)
+                why = codecs.metadata.get(id_, why)
                 entry = None if codec is None else next(container.entries(frozenset([id_])), None)
                 if codec is not None and entry is not None and isinstance(entry.data, memoryview):
                     codec.probe(entry.data)

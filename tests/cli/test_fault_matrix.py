@@ -254,6 +254,7 @@ CASES = [
          enable_data_crcs=False), 4, also=("LOG003", "LOG006")),
     Case("missing file", "LOG011", split_with_a_missing_file, 4),
     Case("unused topic", "LOG012", foreign(("/imu", "sensor_msgs/msg/Imu", "cdr", [b"x", b"y"])), 0),
+    Case("unread sensor", "LOG013", foreign(("/pandar_packets", "acme_msgs/msg/Packets", "cdr", [b"x", b"y"])), 0),
     Case("huge record", "LIM001", huge_record, 3),
     Case("chunk that declares too much", "LIM001", one_chunk("zstd", 2**40, b"x"), 3),
     Case("zstd bomb", "LIM002", one_chunk("zstd", 100, zstandard.compress(bytes(100_000_000))), 3),

@@ -4,6 +4,7 @@ import tomllib
 from dataclasses import dataclass, field
 
 import pytest
+from tests.pipelines.conftest import constant_model, one_car  # noqa: F401 - fixtures
 from tests.replay.setup import drive as d
 
 from fbench.replay.setup.configuration import Config
@@ -149,3 +150,19 @@ def test_a_log_that_cannot_be_replayed_yet(fbench, tmp_path):
     result = fbench("init", log)
     assert (result.code, result.err.count("\n")) in ((0, 0), (1, 1))
     assert (tmp_path / "fbench.toml").is_file()
+
+
+def test_a_calibrated_camera_without_a_place_is_used_alone(fbench, tmp_path, one_car):  # noqa: F811
+    log = d.Drive()
+    for _, ns in d.steps(12, 100):
+        log.add("/camera/camera_info", ns, d.info("optical", ns))
+        log.add("/camera/image_raw/compressed", ns + 5 * d.MS, d.jpeg("optical", ns))
+    path = log.write(tmp_path / "drive.mcap")
+    assert fbench("init", path).code == 0
+    text = (tmp_path / "fbench.toml").read_text()
+    assert "Left out" not in text
+    assert "# Its images are used alone, by camera2d: sensor 'camera' has no transform to the body" in text
+    assert Config.model_validate(tomllib.loads(text)).sensors["camera"].calibration == "/camera/camera_info"
+    run = fbench("replay", path, "-p", "camera2d", "--set", f"camera.weights={one_car}", "-o", "run")
+    assert (run.code, run.err) == (0, "")
+    assert "found: 24 detections" in run.out

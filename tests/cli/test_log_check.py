@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from tests.cli.conftest import messages, rig, truths, write_log
+from tests.cli.test_fault_matrix import foreign
 
 from fbench.replay.data.rig import Rig
 
@@ -132,3 +133,22 @@ def test_a_part_that_is_missing_is_a_finding_and_lost_data(fbench, log):
     assert result.code == 4
     assert f"LOG011 file of the recording is missing: 1 (first: parts: '{parts[2].name}')" in result.out
     assert "LOG011" in fbench("log", "check", "parts").out
+
+
+def test_unread_topics_of_sensors_are_warned_of_by_name(fbench, tmp_path):
+    """Not as one among others, which is information only."""
+    channels = [("/gnss/fix", "sensor_msgs/msg/NavSatFix"), ("/lidar_packets", "acme_msgs/msg/Packets"),
+                ("/radar_raw", "acme_msgs/msg/RadarScan")]  # fmt: skip
+    log = foreign(*((topic, schema, "cdr", [bytes(8)]) for topic, schema in channels))(tmp_path)
+    result = fbench("log", "check", log, "--ignore", "LOG006", "--ignore", "LOG003")
+    assert result.code == 1
+    warned = [line for line in result.out.splitlines() if line.startswith("warning")]
+    assert [line.split("topic ")[1].split()[0] for line in warned] == ["'/lidar_packets'", "'/radar_raw'"]
+    assert all(line.startswith("warning LOG013: ") for line in warned)
+    assert "info LOG012" in result.out
+    for command in (("log", "info", log), ("replay", log, "-p", "lidar3d", "--all-around")):
+        said = fbench(*command)
+        assert said.code == 0, said.err
+        for topic in ("'/lidar_packets'", "'/radar_raw'"):
+            assert f"isn't read: log.mcap: topic {topic} has type" in said.out
+    assert fbench("log", "check", log, "--ignore", "LOG013", "--ignore", "LOG006", "--ignore", "LOG003").code == 0

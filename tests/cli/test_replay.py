@@ -318,7 +318,9 @@ def test_debug_shows_the_traceback_of_the_first_failure(log, still, tmp_path):
 def test_compare_of_runs_without_truth_is_no_pass(fbench, tmp_path, still):
     log = write_log(tmp_path / "blind.mcap", messages())
     fbench("replay", log, "-p", still(), "-o", "run")
-    fails(fbench("compare", "run", "run"), 3, "no value of f1 or mota (no truth)")
+    advice = "fbench score RUN --truth FILE adds truth to a run"
+    fails(fbench("compare", "run", "run"), 3, f"base has no value of f1 or mota (no truth); {advice}")
+    fails(fbench("compare", "run", "run", "--json"), 3, advice)
 
 
 def test_compare_names_the_parameter_that_differs(fbench, log):

@@ -18,9 +18,11 @@ from tests.replay.logs import builders as b
 from tests.replay.logs.other_forms import HEAD, NO_SUMMARY, chunks, layout, rewrite
 
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError, LogError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import PointCloud, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.logs.containers.mcap.write import McapWriter
+from fbench.replay.logs.open import open_log
 
 
 @pytest.fixture(scope="module")
@@ -264,8 +266,41 @@ def test_unknown_topics_are_counted_once(tmp_path):
         "log.mcap: topic '/bare' has type 'unknown' (encoding none)",
         "log.mcap: topic '/json' has type 'unknown' (encoding json), without a schema that says what it is",
         "log.mcap: topic '/odd' has type 'my.Type' (encoding json)",
-        "log.mcap: topic '/ros' has type 'foxglove.PointCloud' (encoding cdr)",
     ]
+    what = "topic '/ros' has type 'foxglove.PointCloud' (encoding cdr)"
+    assert faults.places["LOG013"] == [f"log.mcap: {what}; a decoder plug-in can read it, named with --decoder"]
+
+
+@pytest.mark.parametrize(
+    ("topic", "schema", "code"),
+    [
+        ("/pandar_packets", "hesai_ros_driver/msg/UdpFrame", "LOG013"),
+        ("/sensing/lidar/top/pandar_packets", "pandar_msgs/msg/Unknown", "LOG013"),
+        ("/rslidar_packets", "rslidar_msg/msg/RslidarPacket", "LOG013"),
+        ("/ars408/front", "continental_radar_msgs/msg/Ars540Scan", "LOG013"),
+        ("/cam0", "acme_msgs/msg/RawVideo", "LOG013"),
+        ("/old_cloud", "sensor_msgs/msg/PointCloud", "LOG013"),
+        ("/lidar/status", "acme_msgs/msg/LidarStatus", "LOG012"),
+        ("/lidar/imu_packets", "acme_msgs/msg/PacketMsg", "LOG012"),
+        ("/radar/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "LOG012"),
+        ("/lidar/name", "std_msgs/msg/String", "LOG012"),
+        ("/gnss/fix", "sensor_msgs/msg/NavSatFix", "LOG012"),
+    ],
+)
+def test_topics_that_look_like_those_of_sensors_are_told_apart(tmp_path, topic, schema, code):
+    path = foreign(tmp_path / "log.mcap", [(topic, schema, "cdr", [bytes(20)])])
+    faults = FaultLog()
+    open_log(path, faults)
+    assert {c: num for c, num in faults.counts.items() if c.startswith("LOG01")} == {code: 1}
+    (place,) = faults.places[code]
+    assert f"topic '{topic}' has type '{schema}'" in place
+    assert ("--decoder" in place) == (code == "LOG013")
+
+
+def test_an_empty_topic_of_a_sensor_is_not_missed(tmp_path):
+    faults = FaultLog()
+    open_log(foreign(tmp_path / "log.mcap", [("/lidar_packets", "acme/msg/Packets", "cdr", [])]), faults)
+    assert not faults.counts["LOG013"]
 
 
 def test_payload_that_cannot_be_decoded(tmp_path):

@@ -132,7 +132,7 @@ def test_packets_that_nothing_explains_are_left_out(texts, why, tmp_path):
     made.turns(num=1)
     reader, faults = opened(made.write(tmp_path))
     assert list(reader.messages()) == []
-    (place,) = [place for place in faults.places["LOG012"] if "/ouster/lidar_packets" in place]
+    (place,) = [place for place in faults.places["LOG013"] if "/ouster/lidar_packets" in place]
     assert why in place
     assert faults.num_lost == 0
 
@@ -149,16 +149,18 @@ def test_metadata_of_the_same_namespace_count(tmp_path):
 def test_a_log_with_packets_from_init_to_report(log, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     log.turns(num=12)
+    log.packet(bytes(48), START_NS + 3, "/ouster/imu_packets")
     path = log.write(tmp_path)
     assert fbench("log", "info", path, "--json") == 0
     (row,) = json.loads(capfd.readouterr().out)["streams"]
     assert (row["sensor"], row["num_messages"]) == ("os_lidar", 12)
     assert row["rate_hz"] == pytest.approx(10, abs=0.01)
     assert fbench("log", "check", path, "--ignore", "LOG006") == 0
-    assert "LOG012" not in capfd.readouterr().out  # the metadata are of use
+    assert "LOG01" not in capfd.readouterr().out  # the metadata are of use
     assert fbench("init", path) == 0
     text = Path("fbench.toml").read_text()
     assert '"/ouster/lidar_packets"  # 12 messages, 10.0 Hz' in text
+    assert "#   /ouster/imu_packets: packets of the IMU, which fbench has no use for" in text
     for name in (path, "copy.mcap", "copy.parquet", "decoded.mcap"):
         if name != path:
             decode = ("--decode",) if str(name).startswith("decoded") else ()

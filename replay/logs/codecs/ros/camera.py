@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fbench.replay.contracts.errors import DecodeError, UnsupportedError
+from fbench.replay.contracts.errors import DecodeError, DepthError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.images import DEPTH, MAX_PIXELS, is_picture, layout_name, pack_rows, read_size, sniff_format
 from fbench.replay.data.messages import Image
@@ -57,7 +57,7 @@ def probe_image(image: RawImage | CompressedImage, encoding: str) -> Probe:
     if isinstance(image, RawImage):
         layout_name(image.encoding)
     elif "compressedDepth" in image.format or image.format.startswith(DEPTH):
-        raise UnsupportedError(f"format '{image.format}' is a depth image, not supported")
+        raise DepthError(f"format '{image.format}' is a depth image, not supported")
     return Probe("camera", image.header.frame_id)
 
 

@@ -1,6 +1,6 @@
 """The codec of channels with packets of Ouster sensors, whose metadata are on a topic beside them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import takewhile
 
 import numpy as np
@@ -25,19 +25,20 @@ _MAX_LATE = 3
 """Turns that a packet may come late; a sensor that starts again counts from 0."""
 
 
-def ouster_codec(container: Container, channel: Channel) -> tuple[Codec | None, frozenset[int]]:
-    """Return the codec of a channel with packets, and the channel of its metadata; for packets of the IMU no codec, and
-    their channel, as nothing is missed in them. Raises UnsupportedError where the metadata aren't in the log, or the
-    packets have a form that isn't read; DecodeError where the metadata are damaged.
+def ouster_codec(container: Container, channel: Channel) -> tuple[Codec | None, Mapping[int, str]]:
+    """Return the codec of a channel with packets, and the channel of its metadata with what that is; for packets of the
+    IMU no codec, and their channel, as nothing is missed in them. Raises UnsupportedError where the metadata aren't in
+    the log, or the packets have a form that isn't read; DecodeError where the metadata are damaged.
     """
     if "imu" in channel.topic.rpartition("/")[2].lower():
-        return None, frozenset(id_ for id_, other in container.channels.items() if other is channel)
+        what = "packets of the IMU, which fbench has no use for"
+        return None, {id_: what for id_, other in container.channels.items() if other is channel}
     id_, text = _find_metadata(container, channel.topic)
     if id_ is None:
         raise UnsupportedError(
             "packets of an Ouster sensor need its metadata, a std_msgs/String on 'metadata' beside them"
         )
-    return _OusterCodec(read_metadata(text), channel.encoding), frozenset([id_])
+    return _OusterCodec(read_metadata(text), channel.encoding), {id_: "says how packets are decoded"}
 
 
 def _find_metadata(container: Container, topic: str) -> tuple[int | None, str]:

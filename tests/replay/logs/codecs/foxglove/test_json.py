@@ -229,7 +229,7 @@ def test_boxes_that_are_no_boxes(tmp_path):
 def test_encodings_that_nothing_reads_are_named_with_what_helps(tmp_path, encoding):
     reader, faults = log(tmp_path, ("/points", "PointCloud", b"\0\1"), encoding=encoding)
     assert list(reader.messages()) == []
-    assert faults.places["LOG012"] == [
+    assert faults.places["LOG013"] == [
         (
             f"log.mcap: topic '/points' has type 'foxglove.PointCloud' (encoding {encoding}), "
             "an encoding that only a decoder plug-in can read; name one with --decoder"

@@ -136,4 +136,4 @@ def test_bags(tmp_path, write, name):
 def test_theora_is_left_out_by_name(tmp_path):
     reader, faults = b.read(write_ros2(tmp_path, THEORA))
     assert list(reader.messages()) == []
-    assert "is left out: its video is Theora" in faults.places["LOG012"][0]
+    assert "is left out: its video is Theora" in faults.places["LOG013"][0]

@@ -76,7 +76,7 @@ def test_a_topic_with_b_frames_is_left_out(tmp_path):
     packets = v.encode(tune="psnr", bf="2", **{"x264-params": "b-adapt=0"})
     reader, faults = b.read(v.write_log(tmp_path / "log.mcap", packets))
     assert reader.rig.kinds == {"lidar": "lidar"}
-    (left_out,) = faults.places["LOG012"]
+    (left_out,) = faults.places["LOG013"]
     assert "topic '/cam/video' is left out: its video has B-frames: pictures come in another order" in left_out
 
 
