@@ -14,7 +14,7 @@ from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline
 from fbench.replay.contracts.protocols import KeepsStderr, Pipeline
 from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text
-from fbench.replay.data.scores import score_rows
+from fbench.replay.data.scores import format_count, score_rows
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
@@ -88,7 +88,7 @@ class OpenRun:
         """Show what ran and the primary scores in a notebook."""
         manifest = self.run.manifest
         state = "" if manifest.complete else ", incomplete"
-        head = f"{manifest.log.name} → {manifest.pipeline}: {manifest.num_frames} frames{state}"
+        head = f"{manifest.log.name} → {manifest.pipeline}: {format_count(manifest.num_frames, 'frame')}{state}"
         scores = self.scores()
         shown = scores[scores["slice"] == "all"] if len(scores) else scores
         columns = [name for name in ("metric", "class", "matching", "value", "unit") if name in shown]

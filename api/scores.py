@@ -280,5 +280,5 @@ def _describe_fault(faults: FaultLog, code: str, num: int) -> str:
     places = faults.places[code]
     others = len(places) - 1
     many = "many" if len(places) == faults.keep else others
-    more = f"; {many} more place{'' if others == 1 else 's'}" if others else ""
+    more = f"; {many} more {'place' if others == 1 else 'places'}" if others else ""
     return f"{num} x {text} [{code}]: {places[0]}{more}"

@@ -12,6 +12,7 @@ from typer import Option
 
 from fbench.cli.show import import_progress, replay_progress, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
     from fbench.api.cells import CellResult
@@ -90,7 +91,7 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
         with claim(what.folder / "demo", lambda: say("waiting for another fbench demo in this folder")):
             num, num_new = len(what.drives), 0
             if sys.stderr.isatty():
-                say(f"simulating {num} drives and replaying each into {len(what.pipelines)} pipelines")
+                say(f"simulating {format_count(num, 'drive')} and replaying each into {len(what.pipelines)} pipelines")
             with import_progress(num) as progress:
                 for is_new in simulate(what.drives, progress):
                     num_new += is_new

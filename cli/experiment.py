@@ -13,7 +13,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.plugins import entry_points_of, pipeline_class
 from fbench.replay.contracts.protocols import TakesArgument
 from fbench.replay.contracts.variants import find_variants
-from fbench.replay.data.scores import Results
+from fbench.replay.data.scores import Results, format_count
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import describe_host, package_versions
@@ -174,7 +174,10 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> It
     num_labeled = sum(frame.truth_stamp_ns is not None for frame in frames)
     share = f"{100 * num_labeled / len(frames):.1f} %" if frames else "none"
     pipelines = len({name for _, name, _ in runs})
-    yield "frames", f"{sum(num.values())}, each through {pipelines} pipelines; {share} of outputs had truth"
+    yield (
+        "frames",
+        f"{sum(num.values())}, each through {format_count(pipelines, 'pipeline')}; {share} of outputs had truth",
+    )
     yield "versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())
 
 
@@ -193,7 +196,7 @@ def _problems(done: Sequence[tuple[Drive, CellResult]], runs: Sequence[tuple[Dri
         for _, pipeline, run in runs for frame in run.frames for sensor, reason in frame.missing.items()
     )  # fmt: skip
     for (pipeline, sensor, reason), num in sorted(missing.items()):
-        yield f"missing: {sensor} ({reason}) in {num} frames of {pipeline}"
+        yield f"missing: {sensor} ({reason}) in {format_count(num, 'frame')} of {pipeline}"
     for drive, pipeline, run in runs:
         if not run.manifest.complete:
             yield f"incomplete: {pipeline} on {drive.name} lost data"

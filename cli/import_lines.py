@@ -8,6 +8,7 @@ from decimal import Decimal
 
 from fbench.datasets.importing.files import format_counts, format_list
 from fbench.datasets.importing.run import ImportedLog
+from fbench.replay.data.scores import format_count
 
 _NUMBER = re.compile(r"(?<![\w.-])-?\d+(?:\.\d+)?(?![\w.]*\d)")
 _PAIR = r"\w[^:,()]* \d+"
@@ -62,7 +63,8 @@ def log_line(log: ImportedLog) -> str:
     skipped = f", {log.num_skipped} skipped" if log.num_skipped else ""
     if log.written is None:
         return f"{log.path} isn't written{skipped}"
-    return f"{log.path}: {log.written.num_messages} messages, {log.written.num_bytes / 1e6:.3g} MB{skipped}"
+    messages = format_count(log.written.num_messages, "message")
+    return f"{log.path}: {messages}, {log.written.num_bytes / 1e6:.3g} MB{skipped}"
 
 
 def join_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:

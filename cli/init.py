@@ -13,6 +13,7 @@ from typer import Option
 from fbench.cli import options
 from fbench.cli.show import console, make_table, print_json, printable, say
 from fbench.replay.contracts.errors import EXIT_NO
+from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
     from fbench.replay.setup.init import Written
@@ -110,7 +111,9 @@ def _print(place: Path, draft: "Draft", written: "Written") -> None:
     console().print(table)
     say(*(f"{plain('.'.join(t.path))}: {plain(t.notes[0])}" for t in draft.tables if not t.is_active))
     if draft.left_out:
-        say(f"{len(draft.left_out)} topics aren't used; the file says why")
+        num = len(draft.left_out)
+        say(f"{format_count(num, 'topic')} {'is' if num == 1 else 'are'}n't used; the file says why")
     numbers = ", ".join(str(p.number) for p in written.guesses)
     say(*map(plain, draft.notes))
-    say(f"wrote {place}", f"look at the guesses in lines {numbers}" if numbers else "no guesses")
+    lines = "guess in line" if len(written.guesses) == 1 else "guesses in lines"
+    say(f"wrote {place}", f"look at the {lines} {numbers}" if numbers else "no guesses")

@@ -11,6 +11,7 @@ from typer import Option
 from fbench.cli import options
 from fbench.cli.show import console, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
+from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
     from fbench.replay.check.log_check import CheckResult
@@ -102,8 +103,8 @@ def _content(result: "CheckResult") -> dict[str, object]:
 def _print(log: Path, result: "CheckResult") -> None:
     frames, summary = result.frames, "no frames"
     if frames is not None:
-        segments = f"{len(frames.breaks) + 1} {'segments' if frames.breaks else 'segment'}"
-        complete = f"{frames.num_frames} frames by {result.reference}, {frames.num_complete} complete"
+        segments = format_count(len(frames.breaks) + 1, "segment")
+        complete = f"{format_count(frames.num_frames, 'frame')} by {result.reference}, {frames.num_complete} complete"
         summary = f"{complete}, {segments}, {result.num_labeled} with truth"
     say(f"{log}: {summary}")
     numbers = ("messages", "Hz", "period ms", "longest", "jitter p99", "arrival after stamp ms")
@@ -122,7 +123,7 @@ def _print(log: Path, result: "CheckResult") -> None:
         if found.severity != "info":
             say(f"    → {found.advice}")
     num = result.num_problems
-    say("clean" if num == 0 else f"{num} {'finding' if num == 1 else 'findings'}")
+    say("clean" if num == 0 else format_count(num, "finding"))
 
 
 def _ms(value_ns: int | None) -> str:

@@ -12,6 +12,7 @@ from typer import Option
 from fbench.cli import options
 from fbench.cli.show import console, fault_lines, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+from fbench.replay.data.scores import format_count
 
 _NO_USE = ("LOG012", "LOG013")  # Topics that fbench has no use for are converted like all others
 
@@ -87,9 +88,10 @@ def convert(
         table.add_row(topic, str(num))
     console().print(table)
     for topic, num in result.left_out.items():
-        say(f"left out: {num} messages on {topic}, which fbench doesn't understand")
-    rigs = f", {result.num_rigs} {'rig' if result.num_rigs == 1 else 'rigs'}" if result.num_rigs else ""
-    parts = f" in {len(result.parts)} parts" if result.parts else ""
+        say(f"left out: {format_count(num, 'message')} on {topic}, which fbench doesn't understand")
+    rigs = f", {format_count(result.num_rigs, 'rig')}" if result.num_rigs else ""
+    parts = f" in {format_count(len(result.parts), 'part')}" if result.parts else ""
     say(*fault_lines(rows), f"id: {result.log_id}")
-    say(f"log: {result.path}: {result.num_messages} messages{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")
+    messages = format_count(result.num_messages, "message")
+    say(f"log: {result.path}: {messages}{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")
     raise typer.Exit(code)

@@ -11,6 +11,7 @@ from typer import Argument, Option
 from fbench.cli import options
 from fbench.cli.show import fault_lines, import_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
+from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
     from fbench.replay.formats.export import Exported
@@ -63,7 +64,8 @@ def export(
             done.append(exported)
             with progress.finish(exported.num_frames):
                 if not json:
-                    counts = f"{exported.num_rows} rows in {exported.num_frames} frames, {exported.view}"
+                    frames = format_count(exported.num_frames, "frame")
+                    counts = f"{format_count(exported.num_rows, 'row')} in {frames}, {exported.view}"
                     left = ", ".join(f"{num} {reason}" for reason, num in exported.left_out.items())
                     say(f"{exported.name}: {counts}{f'; left out: {left}' if left else ''}")
     if json:

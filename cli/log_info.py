@@ -13,6 +13,7 @@ import typer
 from fbench.cli import options
 from fbench.cli.show import console, fault_lines, make_table, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
+from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
     from fbench.replay.check.survey import Survey
@@ -86,15 +87,17 @@ def _content(result: "Survey", faults: "FaultLog") -> dict[str, object]:
 
 def _print(log: Path, result: "Survey") -> None:
     (first, last), form = result.span_ns or (0, 0), result.storage
-    frames = f"{result.num_frames} frames by {result.reference}" if result.reference else "no frames"
-    truths = f"{result.num_truths} messages of truth" if result.num_truths else "no truth"
+    is_estimate = any(s.is_estimate for s in result.streams if s.sensor == result.reference)
+    num_frames = format_count(result.num_frames, "frame", is_estimate=is_estimate)
+    frames = f"{num_frames} by {result.reference}" if result.reference else "no frames"
+    truths = f"{format_count(result.num_truths, 'message')} of truth" if result.num_truths else "no truth"
     segments = "segments unknown without reading"
     if result.breaks is not None:
-        segments = f"{len(result.breaks) + 1} segments by log time" if result.breaks else "1 segment"
+        segments = format_count(len(result.breaks) + 1, "segment") + (" by log time" if result.breaks else "")
     rigs = f", {len(result.rig_changes) + 1} rigs" if result.rig_changes else ""
     say(f"{log}: {(last - first) / 1e9:.1f} s, {frames}, {segments}{rigs}, {truths}", f"id: {result.info.log_id}")
     parts = [form.form, *(["compression " + ", ".join(form.compression)] if form.compression else [])]
-    parts += [] if form.num_blocks is None else [f"{form.num_blocks} chunks"]
+    parts += [] if form.num_blocks is None else [format_count(form.num_blocks, "chunk")]
     parts += [f"{form.num_bytes / 1e6:.1f} MB", "indexed" if form.is_indexed else "no index"]
     say(f"stored: {', '.join(parts)}")
     rig, problems = result.known.rig, result.known.problems
@@ -108,7 +111,8 @@ def _print(log: Path, result: "Survey") -> None:
         lens = "no calibration" if s.kind == "camera" else ""
         if camera is not None:
             lens = f"{camera.size_wh[0]}x{camera.size_wh[1]}, f {camera.K[0, 0]:.0f} px"
-        table.add_row(s.sensor, s.kind, str(s.num_messages), rate, position, lens)
+        num = f"{'≈' if s.is_estimate else ''}{s.num_messages}"
+        table.add_row(s.sensor, s.kind, num, rate, position, lens)
     console().print(table)
     topics = make_table("topic", "schema", "messages", "use")
     for column in topics.columns:

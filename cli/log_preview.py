@@ -12,6 +12,7 @@ from typer import Option
 from fbench.cli import options
 from fbench.cli.show import fault_lines, frame_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.scores import format_count
 
 TIMEOUT_NS = 1_000_000_000
 """So long a frame waits for its sensors: also what a replay would find too late is drawn, as wrong stamps make it."""
@@ -66,8 +67,8 @@ def preview(
         return
     say(*(f"{'!' if v.is_bad else ' '} {v.what} {v.about}: {v.text}" for v in content.verdicts))
     say(*(f"  not shown: {gap}" for gap in content.gaps), *fault_lines(faults.rows()))
-    num_frames = f"{len(content.frames)} {'frame' if len(content.frames) == 1 else 'frames'}"
-    say(f"preview: {sheet} ({num_frames}, {len(content.pictures)} pictures)")
+    num_frames = format_count(len(content.frames), "frame")
+    say(f"preview: {sheet} ({num_frames}, {format_count(len(content.pictures), 'picture')})")
 
 
 @contextmanager

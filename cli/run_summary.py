@@ -11,6 +11,7 @@ import numpy as np
 from fbench.cli.show import console, fault_lines, latency_table, print_json, say, score_notes, score_table
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.contracts.faults import UNVERIFIED
+from fbench.replay.data.scores import format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import coverage_of, predictions_of
 
@@ -40,37 +41,37 @@ def _show_latency(latency: dict[str, Any]) -> None:
     if latency.get("clock") == "log":
         say("latency is from times of recording in the log, not measured here")
     over, num, budget_ms = latency["over_budget"], latency["frames"], latency["budget_ms"]
-    over_budget = f"{over} of {_count(num, 'frame')} over the budget of {budget_ms:g} ms"
+    over_budget = f"{over} of {format_count(num, 'frame')} over the budget of {budget_ms:g} ms"
     say(over_budget if num else "no frame is left that warmed nothing up, so there is no latency")
     if latency["warm_up_frames"]:
         compiled = (
             f" (in {latency['compiled_frames']} code was compiled or loaded)" if latency["compiled_frames"] else ""
         )
-        say(f"{_count(latency['warm_up_frames'], 'frame')} of warm-up left out{compiled}")
+        say(f"{format_count(latency['warm_up_frames'], 'frame')} of warm-up left out{compiled}")
 
 
 def _status(run: Run) -> list[str]:
     manifest = run.manifest
-    segments = _count(manifest.num_segments, "segment")
+    segments = format_count(manifest.num_segments, "segment")
     lines = [f"frames: {manifest.num_frames} in {segments}", f"truth: {coverage_of(run)}"]
     if all((run.folder / f"{name}.parquet").is_file() for name in ("detections", "tracks")):
         # Scores don't say how much came out where there is no truth.
         detections, tracks = len(run.detections.boxes), run.tracks.boxes
         num_ids = 0 if tracks.track_id is None else len(np.unique(tracks.track_id))
-        lines.append(f"found: {_count(detections, 'detection')}, {_count(num_ids, 'track')}")
+        lines.append(f"found: {format_count(detections, 'detection')}, {format_count(num_ids, 'track')}")
     predictions = predictions_of(run)
     lines += [] if predictions is None else [f"predicted: {predictions}"]
     # Without numbers: 'late by 12.3 ms' is 'late', 'off by 60.0 ms' is 'off'.
     reasons = ((sensor, why) for frame in run.frames for sensor, why in frame.missing.items())
     missing = Counter(f"{sensor} ({_AMOUNT.sub('', why)})" for sensor, why in reasons)
-    lines += [f"missing: {what} in {_count(num, 'frame')}" for what, num in sorted(missing.items())]
+    lines += [f"missing: {what} in {format_count(num, 'frame')}" for what, num in sorted(missing.items())]
     counts = run.json("faults.json")
     for sensor, num in counts["late_messages"].items():
-        late = f"late: {_count(num, 'message')} of {sensor} came after"
+        late = f"late: {format_count(num, 'message')} of {sensor} came after"
         lines += [f"{late} {'its' if num == 1 else 'their'} frame was released"] if num else []
     for sensor, num in counts["unused_messages"].items():
         if num and sensor in manifest.mounts:  # poses between frames are used, to find those at the frames' instants
-            lines.append(f"unused: {_count(num, 'message')} of {sensor}, which frames don't need")
+            lines.append(f"unused: {format_count(num, 'message')} of {sensor}, which frames don't need")
     lines += fault_lines(counts["rows"])
     if any(row["code"] == UNVERIFIED and row["count"] for row in counts["rows"]):
         lines.append("integrity: unknown, as the log has no checksums; fbench log convert writes one with them")
@@ -84,10 +85,6 @@ def _status(run: Run) -> list[str]:
         late = f"p99 late {host['p99_late_ms']:.1f} ms, max {host['max_late_ms']:.1f} ms"
         lines.append(f"pace: asked {host['rate']}x, achieved {achieved}, {late}")
     return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
-
-
-def _count(num: int, noun: str) -> str:
-    return f"{num} {noun}" if num == 1 else f"{num} {noun}s"
 
 
 def require_coverage(run: Run, min_coverage: float, code: int) -> int:

@@ -11,7 +11,7 @@ from rich.table import Table
 from fbench.api.scores import ScoreResult, open_folder
 from fbench.cli import show
 from fbench.cli.show import console, make_table, print_json, say
-from fbench.replay.data.scores import Score, ScoreOptions, save_scores, score_rows
+from fbench.replay.data.scores import Score, ScoreOptions, format_count, save_scores, score_rows
 
 if TYPE_CHECKING:
     from fbench.metrics.explanation import Table as VerdictTable
@@ -41,7 +41,7 @@ def show_profile(result: ScoreResult, path: Path | None, as_json: bool) -> None:
     rows, profile, sequences = result.rows, str(result.profile), result.sequences
     if path is not None:
         save_scores(path, rows)
-        sys.stderr.write(f"{len(rows)} rows: {path}\n")
+        sys.stderr.write(f"{format_count(len(rows), 'row')}: {path}\n")
     if as_json:
         print_json({"profile": profile, "scores": score_rows(rows)})
         return

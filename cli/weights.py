@@ -13,6 +13,7 @@ from fbench.cli import options
 from fbench.cli.show import byte_progress, console, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.files import make_parent
+from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
     from fbench.pipelines.models.weights import Entry
@@ -73,7 +74,7 @@ def train(
     settings = TrainingSettings()
     settings = replace(settings, seed=settings.seed if seed is None else seed, steps=steps or settings.steps)
     found = samples(_find_logs(folder))
-    say(f"{len(found)} images, {settings.steps} steps, seed {settings.seed}")
+    say(f"{format_count(len(found), 'image')}, {format_count(settings.steps, 'step')}, seed {settings.seed}")
     checkpoint = out.with_suffix(".checkpoint")
     with message_progress(out.name, settings.steps) as progress:
         network = Training(found, settings, device).run(checkpoint, _reporter(progress))

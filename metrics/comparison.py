@@ -7,7 +7,7 @@ from typing import Literal
 from fbench.metrics.definitions.catalog import DEFINITIONS, Better
 from fbench.replay.contracts.errors import ConfigError, MetricError
 from fbench.replay.data.metadata import SCENE_ID
-from fbench.replay.data.scores import Score
+from fbench.replay.data.scores import Score, format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import Manifest
 
@@ -136,7 +136,11 @@ def require_common_instants(base: Run, head: Run) -> tuple[str, ...]:
         what = "runs without a frame at the same instant can't be compared"
         raise MetricError(f"{what}; give their reference sensors the same rate and phase")
     alone = ((name, len(stamps)) for name, stamps in (("base", before - after), ("head", after - before)))
-    return tuple(f"{num} frames are at instants that {name} alone has" for name, num in alone if num)
+    return tuple(
+        f"{format_count(num, 'frame')} {'is' if num == 1 else 'are'} at instants that {name} alone has"
+        for name, num in alone
+        if num
+    )
 
 
 def _compare_logs(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:

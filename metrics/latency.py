@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from fbench.replay.data.frames import ClockName
+from fbench.replay.data.scores import format_count
 
 NUM_WARM = 2
 """So many first frames of each stage don't count: caches, memory and sessions of other libraries are made there."""
@@ -89,5 +90,4 @@ def nearest_rank(ranked: Sequence[int], percent: int) -> int:
 
 def _describe(num_cold: int, num_compiled: int) -> str:
     what = f"the first {NUM_WARM} of each stage, and those in which code was compiled or loaded"
-    frames = "1 frame" if num_cold == 1 else f"{num_cold} frames"
-    return f"{frames} of warm-up ({what}: {num_compiled})"
+    return f"{format_count(num_cold, 'frame')} of warm-up ({what}: {num_compiled})"

@@ -15,7 +15,7 @@ from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.metrics.runs.tracking import measure_tracks
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Int64
-from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.data.scores import Score, ScoreOptions, format_count
 from fbench.replay.runs.folder import Run
 
 LEAST_S = 1.0
@@ -58,7 +58,7 @@ def cut_run(run: Run, least: int) -> Pieces | str:
     duration_s = float(elapsed_s[-1]) + usual if len(segment) > 1 else 0.0
     num = min(int(duration_s / LEAST_S / (1 - _SLACK)), MOST)
     if num < least:
-        held = "1 segment" if len(segments) == 1 else f"{len(segments)} segments"
+        held = format_count(len(segments), "segment")
         return f"{duration_s:.3g} s with truth in {held}, at least {least} s or segments are needed"
     piece = np.minimum((elapsed_s / duration_s * num).astype(np.int64), num - 1)
     return Pieces(index, piece, f"stretches of {duration_s / num:.3g} s", cuts_tracks=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from fbench.replay.check.findings import Finding, finding
 from fbench.replay.data.arrays import Array, Float32, Float64, Int64
+from fbench.replay.data.scores import format_count
 
 REACH_NS = 500_000_000  # Largest offset that is tried
 STEP_NS = 10_000_000
@@ -172,7 +173,8 @@ def judge_clock(sensor: str, fits: Sequence[Fit], added_ns: int, is_reference: b
     text = (
         f"its points fall onto the truth boxes best with its stamps moved by {offset_ns / 1e6:+.0f} ms "
         f"(standard deviation {max(spread_ns, STEP_NS) / 1e6:.0f} ms): of what stands in and around "
-        f"boxes {share:.0%} is inside then, {before:.0%} now ({num_tracks} tracks, {num_sweeps} sweeps)"
+        f"boxes {share:.0%} is inside then, {before:.0%} now ({format_count(num_tracks, 'track')}, "
+        f"{format_count(num_sweeps, 'sweep')})"
     )
     advice = f"try --offset {sensor}={(added_ns + offset_ns) / 1e6:.0f}"
     if is_reference:

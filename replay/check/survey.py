@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,7 @@ class Stream:
     last_log_ns: int | None
     median_period_ns: int | None
     rate_hz: float | None  # From the median period, else from number and duration
+    is_estimate: bool = False  # Whether a sample says how many messages a measurement of it has
 
 
 @dataclass(frozen=True)
@@ -88,10 +89,12 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
     streams = []
     for name in sorted(kinds):
         if by_channel is not None:
-            streams.append(_describe_stream(name, kinds[name], times.get(name, _NO_TIMES)))
+            stream = _describe_stream(name, kinds[name], times.get(name, _NO_TIMES))
+            streams.append(replace(stream, num_messages=reader.num_messages[name]) if name in reader.parts else stream)
         else:
             num = reader.num_messages.get(name, 0)
             streams.append(Stream(name, kinds[name], num, None, None, None, _mean_rate(num, span)))
+        streams[-1] = replace(streams[-1], is_estimate=name in reader.estimated)
     num_frames = next((s.num_messages for s in streams if s.sensor == reference), 0)
     if reference == BOXES:
         num_frames = reader.num_messages.get(BOXES, 0)

@@ -11,6 +11,7 @@ import xxhash
 from fbench.replay.check.findings import Finding, finding
 from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.messages import Message
+from fbench.replay.data.scores import format_count
 from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.setup import MAX_SKEW_NS, mending_offset
@@ -172,11 +173,11 @@ def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | N
     if stats.num_jumps:
         starts = np.array([piece.start for piece in line.pieces[1:]])
         back = _s(int((stamps[starts - 1] - stamps[starts]).max()))
-        text = f"the clock jumps back {_count(stats.num_jumps, 'time')}, by up to {back}"
+        text = f"the clock jumps back {format_count(stats.num_jumps, 'time')}, by up to {back}"
         yield finding("TIM005", name, text, stats.num_jumps, f"stamp {int(stamps[starts[0]])} ns")
     if stats.num_gaps:
         longest = np.argsort(-line.steps_ns, kind="stable")[: stats.num_gaps]
-        text = f"{_count(stats.num_gaps, 'gap')}, the longest of {_s(int(line.steps_ns[longest[0]]))}"
+        text = f"{format_count(stats.num_gaps, 'gap')}, the longest of {_s(int(line.steps_ns[longest[0]]))}"
         yield finding("TIM007", name, text, stats.num_gaps, f"after stamp {int(line.steps_from_ns[longest].min())} ns")
     yield from _judge_periods(stats)
     yield from _judge_clock(stats, reference)
@@ -192,7 +193,7 @@ def _judge_periods(stats: StreamStats) -> Iterator[Finding]:
         yield finding("CHK002", stats.sensor, text, stats.num_irregular)
     elif stats.num_lost:
         were = "was" if stats.num_lost == 1 else "were"
-        text = f"about {_count(stats.num_lost, 'message')} {were} lost, beside {num} that are there"
+        text = f"about {format_count(stats.num_lost, 'message')} {were} lost, beside {num} that are there"
         many = stats.num_lost > _MANY_LOST * (num + stats.num_lost)
         yield finding("CHK003", stats.sensor, text, stats.num_lost, severity="warning" if many else "info")
 
@@ -215,10 +216,6 @@ def _judge_clock(stats: StreamStats, reference: StreamStats | None) -> Iterator[
         text = (f"header stamps are {_ms(abs(skew))} {age} than arrival (median; "
                 f"log time minus stamp is {_ms(stats.skew_min_ns)} to {_ms(stats.skew_max_ns)}){beyond}")  # fmt: skip
         yield finding("TIM009", stats.sensor, text, stats.num_messages)
-
-
-def _count(num: int, noun: str) -> str:
-    return f"{num} {noun}" if num == 1 else f"{num} {noun}s"
 
 
 def _ms(value_ns: int) -> str:

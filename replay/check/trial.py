@@ -17,6 +17,7 @@ from fbench.replay.data.arrays import Int64
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Message, Tick
 from fbench.replay.data.rig import RigChange
+from fbench.replay.data.scores import format_count
 from fbench.replay.engine.absence import Absence, Absences, Shortage, find_shortage
 from fbench.replay.engine.cleaning import Skipped
 from fbench.replay.engine.frame_buffer import FrameBuffer, SyncParams
@@ -145,13 +146,18 @@ class Trial:
                 wanted = -(-(sync.timeout_ns + round(s.late_max_ms * 1e6)) // 1_000_000)
                 advice = f"--timeout-ms {wanted} would wait for all that were late"
             severity: Severity | None = None
-            text = f"missing from {s.num_missing} of {stats.num_frames} frames: {', '.join(parts)}"
+            text = f"missing from {s.num_missing} of {format_count(stats.num_frames, 'frame')}: {', '.join(parts)}"
             if not self._used.get(s.sensor, True):
                 text, severity, advice = f"{text}; {self._name} doesn't use it", "info", "nothing, for this pipeline"
             if s.num_missing:
                 yield finding("CHK009", s.sensor, text, s.num_missing, severity=severity, advice=advice)
             if s.num_unused:
-                yield finding("CHK010", s.sensor, f"{s.num_unused} messages are in no frame", s.num_unused)
+                yield finding(
+                    "CHK010",
+                    s.sensor,
+                    f"{format_count(s.num_unused, 'message')} {'is' if s.num_unused == 1 else 'are'} in no frame",
+                    s.num_unused,
+                )
 
 
 class FrameCheck:

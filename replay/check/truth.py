@@ -12,6 +12,7 @@ from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
 from fbench.replay.data.messages import Message, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import Rig
+from fbench.replay.data.scores import format_count
 from fbench.replay.engine.cleaning import Skipped
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.truth.labelling import TOLERANCE_NS, is_real
@@ -60,7 +61,7 @@ class TruthCheck:
         own = np.array(self._stamps, np.int64)
         lost = np.flatnonzero(~_have_partner(own, np.array(self._numbers, np.int64), stamps, numbers))
         if len(lost):
-            text = f"{len(lost)} of {len(own)} messages of truth belong to no frame"
+            text = f"{len(lost)} of {format_count(len(own), 'message')} of truth belong to no frame"
             yield finding("GT006", "truth", text, len(lost), f"stamp {int(own[lost[0]])} ns")
 
 

@@ -218,6 +218,13 @@ def format_number(value: float | None, kind: Kind) -> str:
     return text.lstrip("+-") if float(text) == 0 else text
 
 
+def format_count(num: int, noun: str, plural: str = "", is_estimate: bool = False) -> str:
+    """A number of things: `1 frame`, `2 frames`; `plural` where it isn't the noun with an s: `2 boxes`. An estimate is
+    marked: `≈2 frames`.
+    """
+    return f"{'≈' if is_estimate else ''}{num} {noun if num == 1 else plural or f'{noun}s'}"
+
+
 def table_rows(table: ResultTable) -> list[dict[str, object]]:
     """Return a table's figures as rows for JSON."""
     return [

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from fbench.replay.data.arrays import Int64
+from fbench.replay.data.scores import format_count
 from fbench.replay.engine.frame_buffer import Arrivals, FrameBuffer, SyncParams
 
 LEAST_SHARE = 0.1
@@ -124,7 +125,7 @@ def find_shortage(
         return Shortage(sensor, f"{share}: {num_skipped} of its messages can't be used", _leave_out(sensor))
     if not arrivals.num:
         return Shortage(sensor, f"{share}: the log has no message of it", _leave_out(sensor), is_silent=True)
-    came = f"{share}, although {arrivals.num} {'message' if arrivals.num == 1 else 'messages'} of it came"
+    came = f"{share}, although {format_count(arrivals.num, 'message')} of it came"
     amounts = np.sort(np.array([a.ns for a in absences if a.kind == kind], np.int64), kind="stable")
     middle, low, high = (int(amounts[round(q * (len(amounts) - 1))]) for q in (0.5, 0.1, 0.9))
     if kind == "late":
@@ -132,7 +133,7 @@ def find_shortage(
         advice = f"--timeout-ms {wait_ms} would wait for all of them"
         if middle > _SHIFT_NS:
             advice = f"its clock may be behind: try --offset {sensor}={middle / 1e6:.0f}, or --stamps log"
-        text = f"{came}: {num} frames were released {_ms(middle)} too soon for it"
+        text = f"{came}: released {_ms(middle)} too soon for it in {format_count(num, 'frame')}"
         if middle > _SHIFT_NS:
             return Shortage(sensor, text, advice, shift_ns=middle)
         return Shortage(sensor, text, advice, late_ns=int(amounts[-1]))

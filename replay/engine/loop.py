@@ -17,6 +17,7 @@ from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.protocols import NeedsSensors, Pipeline, Reader, TellsIdentity, Tracks
 from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.scores import format_count
 from fbench.replay.engine.absence import LEAST_FRAMES, Absence, Absences, Shortage, find_shortage, require_any
 from fbench.replay.engine.cleaning import OutputCheck
 from fbench.replay.engine.clock import Clock
@@ -205,7 +206,8 @@ class _Loop:
         records = self._writer.records
         self.stream.require_frames(self._info.name)
         if all(record.failed is not None for record in records):
-            raise RunError(f"pipeline '{self._plan.name}' failed on all {len(records)} frames: {records[0].failed}")
+            frames = format_count(len(records), "frame")
+            raise RunError(f"pipeline '{self._plan.name}' failed on all {frames}: {records[0].failed}")
 
     def finish(self, reader: Reader) -> None:
         """Attach truth, explain what was missing, and write what isn't a table."""

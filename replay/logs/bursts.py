@@ -16,7 +16,7 @@ Event: TypeAlias = Message | RigChange
 
 MAX_BURST_NS = 40_000_000  # A measurement arrives within this [ns]: a clock that stands still sends no bursts
 NUM_PROBED = 3  # Messages, two of which belong together in a log with bursts
-_NUM_SAMPLED = 64
+NUM_SAMPLED = 64  # Messages that tell how many make a measurement
 
 
 def mean_parts(messages: Iterable[Message | None]) -> float:
@@ -27,7 +27,7 @@ def mean_parts(messages: Iterable[Message | None]) -> float:
     sample = [message for message in islice(rest, NUM_PROBED) if message is not None]
     if not any(is_one_scan(a, b) for a, b in pairwise(sample)):
         return 1.0
-    sample += [message for message in islice(rest, _NUM_SAMPLED - NUM_PROBED) if message is not None]
+    sample += [message for message in islice(rest, NUM_SAMPLED - NUM_PROBED) if message is not None]
     return len(sample) / (1 + sum(not is_one_scan(a, b) for a, b in pairwise(sample)))
 
 

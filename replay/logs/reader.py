@@ -13,6 +13,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.logs import assembly, bursts
 from fbench.replay.logs.arrange import arrange, box_channels, facts, rename
 from fbench.replay.logs.assembly import Assembly, count_parts
 from fbench.replay.logs.bursts import MAX_BURST_NS, NUM_PROBED, join_bursts, mean_parts
@@ -31,6 +32,7 @@ Event: TypeAlias = Message | RigChange | TruthPart | None
 
 
 _FEW_MESSAGES = 100_000  # Log times of so many are read from an index in no time
+_ALMOST_0 = 1e-6
 _NO_TIMES = np.zeros(0, np.int64)
 
 
@@ -83,14 +85,16 @@ class LogReader:
 
     @cached_property
     def num_messages(self) -> Mapping[str, int]:
-        """Messages of each sensor and stream of poses, by name, as the index says; a burst counts as one."""
+        """Messages of each sensor and stream of poses, by name, as the index says; a burst counts as one, by an
+        estimate for those that are `estimated`.
+        """
         counts: Counter[str] = Counter()
         names = [(id_, role.sensor) for id_, role in sorted(self.roles.items()) if role.kind in MESSAGES]
         names += [(id_, self._calibration.tf.name) for id_ in sorted(self._calibration.tf.channels)]
         for id_, name in names:
             counts[name] += self.container.counts.get(id_, 0)
         for name, parts in self.parts.items():
-            counts[name] = round(counts[name] / parts)
+            counts[name] = int(counts[name] / parts + _ALMOST_0)  # what a recording cuts off is no measurement
         if num := sum(self.container.counts.get(id_, 0) for id_ in self.tick_channels):
             counts[BOXES] = num
         return counts
@@ -122,6 +126,16 @@ class LogReader:
             given = ((e.data, make_origin(role, e)) for e in entries if isinstance(e.data, memoryview))
             found[role.sensor] = count_parts(assembler, given)
         return found
+
+    @cached_property
+    def estimated(self) -> frozenset[str]:
+        """Names of the sensors that send measurements in parts, too many of them to count each."""
+        most = dict.fromkeys(self.bursts, bursts.NUM_SAMPLED)
+        most |= {self.roles[id_].sensor: assembly.NUM_SAMPLED for id_ in self._assemblers}
+        totals: Counter[str] = Counter()
+        for id_, role in sorted(self.roles.items()):
+            totals[role.sensor] += self.container.counts.get(id_, 0) if role.kind in SENSORS else 0
+        return frozenset(name for name, num in most.items() if totals[name] > num)
 
     @property
     def _assemblers(self) -> Mapping[int, Assembler]:

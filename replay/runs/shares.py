@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.replay.data.scores import format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import column_array, read_table
 
@@ -51,7 +52,7 @@ class Coverage:
 
     def __str__(self) -> str:
         """Such as `97.8 % of outputs had truth (176 of 180 frames)`."""
-        frames = f"{self.num_labeled} of {self.num_frames} {'frame' if self.num_frames == 1 else 'frames'}"
+        frames = f"{self.num_labeled} of {format_count(self.num_frames, 'frame')}"
         between = f", {self.num_between} of them by interpolation" if self.num_between else ""
         # Only all is 100, and only nothing is 0.
         percent, is_plain = 100 * self.share, self.share in (0.0, 1.0)

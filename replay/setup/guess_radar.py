@@ -100,8 +100,8 @@ def _decide(
     shown = [read_motion(fit, window in moving) for window, fit in fits]
     motion, num_scans = decide_motion(shown), len(fits)
     if motion == "removed":
-        num = f"{shown.count('removed')} of {num_scans} scans"
-        why = f"{num} show no motion while other sensors say that the vehicle moves"
+        scans = f"{shown.count('removed')} of {num_scans} scans"
+        why = f"{scans} show no motion while other sensors say that the vehicle moves"
         sign = Line("doppler", "receding", "the vehicle's own motion doesn't show the sign", is_guess=True)
         return sign, Line("ego_motion", "removed", why)
     if motion == "still":

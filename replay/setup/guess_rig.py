@@ -9,6 +9,7 @@ from itertools import islice, takewhile
 from fbench.replay.contracts.errors import DataError, DecodeError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.data.scores import format_count
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.coordinate_frames import BODIES, WORLDS
 from fbench.replay.logs.partial_rig import partial_rig
@@ -100,8 +101,15 @@ def guess_pose(log: Inspection, body: Body) -> tuple[SampledTopic | None, tuple[
     of = f", of '{best.role.frame_id}'" if best.role.frame_id else ""
     is_certain = best.role.kind == "pose" or best.role.frame_id == name
     more = ", the most frequent one" if others else ""
-    line = Line("pose", best.topic, f"{best.schema}, {best.num_messages} messages{of}{more}", is_guess=not is_certain)
-    rest = (Line("pose", t.topic, f"{t.schema}, {t.num_messages} messages", is_active=False) for t in others)
+    line = Line(
+        "pose",
+        best.topic,
+        f"{best.schema}, {format_count(best.num_messages, 'message')}{of}{more}",
+        is_guess=not is_certain,
+    )
+    rest = (
+        Line("pose", t.topic, f"{t.schema}, {format_count(t.num_messages, 'message')}", is_active=False) for t in others
+    )
     return best, (line, *rest)
 
 

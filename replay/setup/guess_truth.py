@@ -10,6 +10,7 @@ from pathlib import Path
 from fbench.replay.contracts.errors import DataError, DecodeError
 from fbench.replay.data.classes import is_known, label
 from fbench.replay.data.messages import Message
+from fbench.replay.data.scores import format_count
 from fbench.replay.logs.codecs.codec import Origin, TruthPart
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.roles import Role
@@ -96,7 +97,7 @@ def classes_table(log: Inspection) -> Table | None:
     for name in names[:_MAX_CLASSES]:
         meant = min(labels[name].items(), key=lambda item: (-item[1], item[0]))[0]
         num = labels[name].total()
-        count = f"{num} {'box' if num == 1 else 'boxes'}"
+        count = format_count(num, "box", "boxes")
         why = count if name in certain else f"{count}, not a known name"
         lines.append(Line(name, meant, why, name not in certain))
     return Table(("classes",), tuple(lines), notes=tuple(notes))

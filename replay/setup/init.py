@@ -8,6 +8,7 @@ from pathlib import Path
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import absolute_name
+from fbench.replay.data.scores import format_count
 from fbench.replay.logs.open import open_container
 from fbench.replay.setup.guess_frames import Clocks, frames_table, guess_clocks, guess_reference
 from fbench.replay.setup.guess_radar import doppler_lines, period_line
@@ -104,7 +105,8 @@ def _sensor_tables(
         name, topic = s.name, s.sampled
         rate = f", {topic.rate_text}" if topic.rate_text else ""
         frame = f", coordinate frame '{topic.role.frame_id}'" if topic.role.frame_id and not s.is_own else ""
-        lines = [Line("topic", topic.topic, f"{topic.num_messages} messages{rate}{frame}")]
+        num = format_count(topic.num_messages, "message", is_estimate=topic.is_estimate)
+        lines = [Line("topic", topic.topic, f"{num}{rate}{frame}")]
         lines.append(Line("kind", s.kind, s.why, s.is_guess))
         is_placed_camera = s.kind == "camera" and not s.is_own and name in body.rig.mounts
         # Cameras look along z, which points up where somebody gave the axes of the housing instead.

@@ -156,6 +156,7 @@ class SampledTopic:
     role: Role
     schema: str
     num_messages: int = 0
+    is_estimate: bool = False  # Whether a sample says how many messages a measurement has
     fields: tuple[str, ...] = ()  # Of the points of a cloud
     log_ns: Int64 | None = None  # Of all messages, ascending, where the index tells them
     samples: list[SampledMessage] = field(default_factory=list)
@@ -246,7 +247,7 @@ def _count_measurements(topic: SampledTopic, num_taken: int) -> None:
     """Take the parts of a burst, or of a scan in packets, for one message, by what is sampled."""
     if topic.role.codec is not None and topic.role.codec.assembler() is not None:
         if topic.samples:
-            _divide(topic, round(num_taken / len(topic.samples)))
+            _divide(topic, round(num_taken / len(topic.samples)), num_taken)
         else:
             topic.log_ns = None  # no scan is whole, and the rate of packets isn't that of scans
         return
@@ -260,10 +261,11 @@ def _count_measurements(topic: SampledTopic, num_taken: int) -> None:
             *topic.samples[:1],
             *(s for s, again in zip(topic.samples[1:], repeats, strict=True) if not again),
         ]
-        _divide(topic, num_parts)
+        _divide(topic, num_parts, num_taken)
 
 
-def _divide(topic: SampledTopic, num_parts: int) -> None:
+def _divide(topic: SampledTopic, num_parts: int, num_taken: int) -> None:
+    topic.is_estimate = num_taken < topic.num_messages or topic.num_messages % num_parts != 0
     topic.num_messages = round(topic.num_messages / num_parts)
     topic.log_ns = None if topic.log_ns is None else topic.log_ns[::num_parts]
 

@@ -13,6 +13,7 @@ from fbench.replay.contracts.plugins import guard, open_pipeline
 from fbench.replay.contracts.protocols import UsesLog
 from fbench.replay.data.messages import Message, Tick, Truth
 from fbench.replay.data.rig import RigChange
+from fbench.replay.data.scores import format_count
 from fbench.replay.engine.absence import Absences, Shortage, find_shortage
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
@@ -119,7 +120,8 @@ class _Trial:
             return _drop_line(draft, ("frames",), "reference", f"the log has no usable sensor '{reference}'")
         windows = [_read_window(self._source, reader, start_ns) for start_ns in _starts(reader)]
         num, num_posed = sum(w.num for w in windows), sum(w.num_posed for w in windows)
-        self.summary = f"{num} frames by {windows[0].reference} were read{' in two places' if len(windows) > 1 else ''}"
+        where = " in two places" if len(windows) > 1 else ""
+        self.summary = f"read {format_count(num, 'frame')} by {windows[0].reference}{where}"
         if num < _LEAST_FRAMES:
             return None
         if reader.poses and num_posed < _LEAST_POSED * num:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fbench.replay.contracts.faults import FAULTS, UNVERIFIED
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.scores import format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import Manifest
 from fbench.replay.runs.shares import Predictions, predictions_of
@@ -185,7 +186,7 @@ def notices(overviews: Sequence[Overview]) -> list[Notice]:
 def _notices_of(o: Overview) -> Iterator[Notice]:
     lost, num_frames = o.faults.lost if o.faults else 0, o.manifest.num_frames
     losses = [row for row in o.faults.rows if row.count and row.behaviour == "count"] if o.faults else []
-    faults = f"{lost} {'fault' if lost == 1 else 'faults'}"
+    faults = format_count(lost, "fault")
     if not o.manifest.complete:
         text = "The run is not complete; its numbers describe only what was left."
         yield Notice("bad", f"Data was lost: {faults}." if o.faults else "Data was lost.", text, losses)
@@ -195,13 +196,13 @@ def _notices_of(o: Overview) -> Iterator[Notice]:
         text = "Flipped bits would go unnoticed. fbench log convert writes a log with checksums."
         yield Notice("info", "The log has no checksums.", text)
     if o.failed:
-        head = f"The pipeline failed on {o.failed} of {num_frames} frames."
+        head = f"The pipeline failed on {o.failed} of {format_count(num_frames, 'frame')}."
         yield Notice("warn", head, "Truth in these frames counts as missed.")
     if not o.labelled:
         text = "The log has no ground truth, so accuracy can’t be scored; latency, faults and outputs are all there is."
         yield Notice("info", "No truth.", text)
     elif o.labelled < num_frames:
-        head = f"{o.labelled} of {num_frames} frames have truth."
+        head = f"{o.labelled} of {format_count(num_frames, 'frame')} have truth."
         yield Notice("info", head, "The others were replayed and not scored.")
     if o.predictions is not None:
         yield Notice("info", "Tracks predicted in between stand for detections.", f"They are {o.predictions}.")

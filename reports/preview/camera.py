@@ -9,6 +9,7 @@ from fbench.replay.data.boxes import Boxes3D, finite
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import Kind
+from fbench.replay.data.scores import format_count
 from fbench.replay.geometry.camera import in_image, project_body, project_boxes, project_edges
 from fbench.reports.preview import draw
 from fbench.reports.preview.draw import FAR_M, INK, MAX_SPEED_MPS, NEAR_M, TRUTH, TRUTH_2D, Colors, of_depth, of_speed
@@ -123,7 +124,7 @@ def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
     found = layer(sample, camera, kind)
     picture = _draw(sample, camera, found, whole(sample.rig.cameras[camera].size_wh), kind == "radar")
     sensors = ", ".join(draw.plain(points.sensor, 20) for points in sample.points_of(kind))
-    texts = [f"{draw.plain(camera)}: {_TITLES[kind]} ({len(found.uv_px)} points of {sensors})"]
+    texts = [f"{draw.plain(camera)}: {_TITLES[kind]} ({format_count(len(found.uv_px), 'point')} of {sensors})"]
     draw.lines(picture, texts, [INK])
     ramp, span = np.linspace(0, 1, 128), np.log(FAR_M / NEAR_M)
     if kind == "radar":

@@ -9,6 +9,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import Pixels
+from fbench.replay.data.scores import format_count
 from fbench.replay.geometry.ego_velocity import (
     INLIER_MPS,
     EgoFit,
@@ -92,7 +93,7 @@ def _scans(samples: Sequence[Sample], radar: str, period_mps: float | None) -> l
 
 def _draw_scan(picture: Pixels, axes: Axes, scan: _Scan, period_mps: float | None) -> None:
     fit = scan.fit
-    title = f"frame {scan.index}: {len(scan.speed_mps)} points"
+    title = f"frame {scan.index}: {format_count(len(scan.speed_mps), 'point')}"
     if fit is not None:
         title += f", curve: {fit.velocity_mps[0]:+.1f} m/s ahead, {fit.share:.0%} agree"
     axes.draw(picture, title, "azimuth [deg], left is +", "radial velocity [m/s], receding is +")
@@ -211,7 +212,7 @@ def check_labels(samples: Sequence[Sample]) -> Verdict | None:
     distance_m = np.concatenate(away)
     if len(distance_m) and (nearest := float(np.min(distance_m))) > _FAR_M:
         why = "wrong coordinate frame, or poses of another one?"
-        text = f"the nearest of {len(distance_m)} boxes is {nearest:.0f} m away: {why}"
+        text = f"the nearest of {format_count(len(distance_m), 'box', 'boxes')} is {nearest:.0f} m away: {why}"
         return Verdict("3D boxes", "truth", text, True)
     if len(hits) < _FEW:
         return None

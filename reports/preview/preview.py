@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.rig import KINDS, Kind
+from fbench.replay.data.scores import format_count
 from fbench.replay.geometry.stereo_pairs import pairs
 from fbench.replay.geometry.transforms import yaw_pitch_roll
 from fbench.reports.html.records import environment, resource
@@ -76,7 +77,8 @@ class FramePictures:
     def _views(self, sample: Sample) -> Iterator[Shown]:
         ages = _ages(sample, sorted(p.sensor for p in sample.points if p.is_placed))
         boxes = len(boxes3d(sample.truth))
-        text = f"From above, body coordinates, x forward is up. {ages}{f' {boxes} boxes of truth.' if boxes else ''}"
+        truth = f" {format_count(boxes, 'box', 'boxes')} of truth." if boxes else ""
+        text = f"From above, body coordinates, x forward is up. {ages}{truth}"
         index = sample.frame.index
         above = views.from_above(sample, self.ground, self.lidars)
         yield self.album.add(f"{index:06d}-above", above, text, "Points and truth from above")

@@ -6,6 +6,7 @@ import numpy as np
 
 from fbench.replay.data.arrays import Float32, Float64
 from fbench.replay.data.images import Pixels
+from fbench.replay.data.scores import format_count
 from fbench.replay.geometry.camera import in_image, project
 from fbench.replay.geometry.stereo_pairs import Pair, Rectified
 from fbench.replay.geometry.transforms import inverse, transform
@@ -36,8 +37,8 @@ class StereoView:
         """What is seen, in a line."""
         found = f"depth for {self.found_share:.0%} of the pixels"
         if self.median_error is None or self.median_bias is None:
-            return f"{found}; no comparison with a LiDAR ({self.num_compared} points in common)"
-        error = f"{self.median_error:.1%} (bias {self.median_bias:+.1%}, {self.num_compared} points)"
+            return f"{found}; no comparison with a LiDAR ({format_count(self.num_compared, 'point')} in common)"
+        error = f"{self.median_error:.1%} (bias {self.median_bias:+.1%}, {format_count(self.num_compared, 'point')})"
         return f"{found}; median relative difference from LiDAR {error}"
 
 

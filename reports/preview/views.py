@@ -8,6 +8,7 @@ import numpy as np
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.rig import Rig
+from fbench.replay.data.scores import format_count
 from fbench.replay.geometry.camera import not_projectable, rays
 from fbench.replay.geometry.iou import corners
 from fbench.replay.geometry.transforms import transform
@@ -129,12 +130,14 @@ def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     _draw_axes(picture, ground)
     rows = [(f"frame {sample.frame.index}, from above", INK)]
     for points in sample.points_of("lidar"):
-        text = f"LiDAR {draw.plain(points.sensor)}: {len(points.xyz)} points"
+        text = f"LiDAR {draw.plain(points.sensor)}: {format_count(len(points.xyz), 'point')}"
         rows.append((text, of_sensor(lidars.index(points.sensor))))
     for points in sample.points_of("radar"):
-        text = f"radar {draw.plain(points.sensor)}: {len(points.xyz)} points, red recedes, blue nears"
+        text = f"radar {draw.plain(points.sensor)}: {format_count(len(points.xyz), 'point')}, red recedes, blue nears"
         rows.append((text, INK))
-    rows += [(f"truth: {len(boxes)} boxes, the line points to their front", TRUTH)] if len(boxes) else []
+    rows += (
+        [(f"truth: {format_count(len(boxes), 'box', 'boxes')}, lines point to the front", TRUTH)] if len(boxes) else []
+    )
     draw.lines(picture, [text for text, _ in rows], [color for _, color in rows])
     return picture
 

@@ -136,7 +136,8 @@ def test_what_cannot_start_says_why(fbench, tmp_path):
     log = SHAPES["a LiDAR alone"].log.write(tmp_path / "drive.mcap")
     content = fbench("init", log, "--json").json()["proof"]
     assert (content["failure"], content["remarks"]) == ("", [])
-    assert content["frames"] == "30 frames by lidar were read"
+    assert fbench("init", log, "--overwrite").out.splitlines()[-1] == "look at the guess in line 12"
+    assert content["frames"] == "read 30 frames by lidar"
     for pipeline, why in content["pipelines"].items():
         run = fbench("replay", log, "-p", pipeline, "-o", f"run-{pipeline}")
         assert (run.code == 0) == (not why)
@@ -158,9 +159,11 @@ def test_a_calibrated_camera_without_a_place_is_used_alone(fbench, tmp_path, one
         log.add("/camera/camera_info", ns, d.info("optical", ns))
         log.add("/camera/image_raw/compressed", ns + 5 * d.MS, d.jpeg("optical", ns))
     path = log.write(tmp_path / "drive.mcap")
-    assert fbench("init", path).code == 0
+    said = fbench("init", path)
+    assert said.code == 0
     text = (tmp_path / "fbench.toml").read_text()
     assert "Left out" not in text
+    assert "no guesses" in said.out
     assert "# Its images are used alone, by camera2d: sensor 'camera' has no transform to the body" in text
     assert Config.model_validate(tomllib.loads(text)).sensors["camera"].calibration == "/camera/camera_info"
     run = fbench("replay", path, "-p", "camera2d", "--set", f"camera.weights={one_car}", "-o", "run")

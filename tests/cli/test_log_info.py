@@ -15,7 +15,7 @@ def test_table_and_json(fbench, log):
     text, content = fbench("log", "info", log), fbench("log", "info", log, "--json")
     assert text.code == content.code == 0
     assert "6 frames by lidar, 1 segment, 6 messages of truth" in text.out
-    assert "stored: MCAP, compression zstd, 1 chunks" in text.out
+    assert "stored: MCAP, compression zstd, 1 chunk, " in text.out
     assert "80x60, f 60 px" in text.out
     assert "x, y, z on the body [m]" in text.out
     assert "/truth/boxes" in text.out
@@ -72,3 +72,11 @@ def test_long_metadata_are_cut(fbench, tmp_path):
     assert "0.00, 0.00, 1.00" in text
     assert "-0.00" not in text
     assert json.loads(fbench("log", "info", log, "--json").out)["metadata"]["tokens"] == "abcdefgh " * 100
+
+
+def test_one_is_no_plural(fbench, tmp_path):
+    log = write_log(tmp_path / "log.mcap", [*messages(1), *truths(1)])
+    info, check = fbench("log", "info", log), fbench("log", "check", log)
+    assert ", 1 frame by lidar, 1 segment, 1 message of truth" in info.out
+    assert ", 1 chunk," in info.out
+    assert ": 1 frame by lidar, 1 complete, 1 segment, 1 with truth" in check.out

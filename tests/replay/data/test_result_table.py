@@ -2,7 +2,7 @@
 
 import pytest
 
-from fbench.replay.data.scores import Column, Figure, Line, ResultTable, format_number, table_rows
+from fbench.replay.data.scores import Column, Figure, Line, ResultTable, format_count, format_number, table_rows
 
 
 @pytest.mark.parametrize(
@@ -15,6 +15,15 @@ from fbench.replay.data.scores import Column, Figure, Line, ResultTable, format_
 )  # fmt: skip
 def test_shown(value, kind, text):
     assert format_number(value, kind) == text
+
+
+@pytest.mark.parametrize(
+    ("num", "plural", "text"),
+    [(0, "boxes", "0 boxes"), (1, "boxes", "1 box"), (2, "boxes", "2 boxes"), (1, "", "1 box")],
+)
+def test_counts_agree_with_their_noun(num, plural, text):
+    assert format_count(num, "box", plural) == text
+    assert format_count(num, "box", plural, is_estimate=True) == f"≈{text}"
 
 
 TABLE = ResultTable(

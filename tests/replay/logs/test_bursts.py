@@ -118,13 +118,18 @@ def test_the_slowest_sensor_is_that_with_the_fewest_measurements(tmp_path, monke
     write_bag(tmp_path / "drive.bag", messages)
     assert fbench("init", "drive.bag") == 0
     text = Path("fbench.toml").read_text()
-    assert '"/radar"  # 20 messages' in text
+    assert '"/radar"  # 20 messages' in text  # all were looked at
     Path("fbench.toml").unlink()
     capfd.readouterr()
     assert fbench("log", "info", "drive.bag", "--json") == 0
     sensors = {row["sensor"]: row for row in json.loads(capfd.readouterr().out)["streams"]}
     assert sensors["radar"]["num_messages"] == 20
     assert sensors["radar"]["rate_hz"] < sensors["lidar"]["rate_hz"]
+    assert (sensors["radar"]["is_estimate"], sensors["lidar"]["is_estimate"]) == (True, False)
+    assert fbench("log", "info", "drive.bag") == 0
+    said = capfd.readouterr().out
+    assert " ≈20 frames by radar," in said
+    assert next(line for line in said.splitlines() if line.startswith("radar ")).split()[2] == "≈20"
     fbench("log", "check", "drive.bag", "--json")
     assert "TIM003" not in capfd.readouterr().out
     result = fbench("replay", "drive.bag", "-p", "radar3d", "-o", "run", "--tolerance-ms", "20")

@@ -155,6 +155,7 @@ def test_a_log_with_packets_from_init_to_report(log, tmp_path, monkeypatch, capf
     (row,) = json.loads(capfd.readouterr().out)["streams"]
     assert (row["sensor"], row["num_messages"]) == ("os_lidar", 12)
     assert row["rate_hz"] == pytest.approx(10, abs=0.01)
+    assert not row["is_estimate"]  # few enough to count them all
     assert fbench("log", "check", path, "--ignore", "LOG006") == 0
     assert "LOG01" not in capfd.readouterr().out  # the metadata are of use
     assert fbench("init", path) == 0
@@ -173,6 +174,17 @@ def test_a_log_with_packets_from_init_to_report(log, tmp_path, monkeypatch, capf
         json.loads((Path(f"run-{n}") / "manifest.json").read_text()) for n in (path.name, "copy.mcap", "decoded.mcap")
     ]
     assert [run["num_frames"] for run in runs] == [12] * 3
+
+
+def test_a_turn_that_is_cut_off_is_not_counted(tmp_path):
+    """Of eleven packets of four a turn, two turns can be whole, and come."""
+    made = Log("mcap")
+    made.text(metadata(PROFILE))
+    made.transform("os_lidar")
+    made.turns(num=3, skip=(11,))
+    reader, _ = opened(made.write(tmp_path))
+    assert reader.num_messages["os_lidar"] == len(list(reader.messages())) == 2
+    assert not reader.estimated
 
 
 def test_clouds_that_a_driver_made_of_packets_come_first(tmp_path, monkeypatch, capfd):

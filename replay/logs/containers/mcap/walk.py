@@ -10,6 +10,7 @@ from mcap.records import Channel, DataEnd, Schema
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.scores import format_count
 from fbench.replay.logs.containers.limits import crc32
 from fbench.replay.logs.containers.mcap import records
 from fbench.replay.logs.containers.mcap.index import Block, Index, check_definitions, own_metadata
@@ -82,10 +83,12 @@ class _Walker:
     def check_sums(self, expected: int | None) -> None:
         """Compare the checksum of the data section, the only one that messages outside chunks and metadata have."""
         if self._num_unverified:
-            self._faults.add("LOG006", f"{self._name}: {self._num_unverified} chunks", self._num_unverified)
+            self._faults.add(
+                "LOG006", f"{self._name}: {format_count(self._num_unverified, 'chunk')}", self._num_unverified
+            )
         if not expected:
             if self._num_plain:
-                self._faults.add("LOG006", f"{self._name}: {self._num_plain} messages outside chunks")
+                self._faults.add("LOG006", f"{self._name}: {format_count(self._num_plain, 'message')} outside chunks")
         elif expected != self._crc and not self._damaged:
             if self._num_plain + self._num_foreign:
                 reason = "checksum of the data section doesn't match, it isn't known where"

@@ -12,6 +12,7 @@ import numpy as np
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
+from fbench.replay.data.scores import format_count
 from fbench.replay.logs.container import Channel, Entry, merge_blocks
 from fbench.replay.logs.containers.limits import Held, StoredLog
 from fbench.replay.logs.containers.mcap.records import RecordError, check_size
@@ -139,7 +140,9 @@ class Ros1Bag(StoredLog):
         for number, channel in self.channels.items():
             if "\\" in channel.topic + channel.schema_name:  # which no name of ROS has
                 self.once("LOG010", (number,), f"connection {number}, topic '{channel.topic}'")
-        faults.add("LOG006", f"{path.name}: {self.counts.total()} messages, ROS 1 bags have no checksums")
+        faults.add(
+            "LOG006", f"{path.name}: {format_count(self.counts.total(), 'message')}, ROS 1 bags have no checksums"
+        )
 
     def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
         """All messages of these connections from a log time on in canonical order, no chunk that ends before is read;

@@ -17,6 +17,7 @@ import numpy as np
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
+from fbench.replay.data.scores import format_count
 from fbench.replay.logs.container import Channel, Entry, Schema
 from fbench.replay.logs.containers.limits import StoredLog, looks_like
 from fbench.replay.logs.containers.mcap.records import MAX_RECORD, RecordError, check_size
@@ -236,7 +237,7 @@ class Db3File(StoredLog):
                 else:
                     unknown[channel] += 1
         for channel, num in sorted(unknown.items()):
-            self.once("LOG008", (channel,), f"{num} messages of unknown topic {channel}")
+            self.once("LOG008", (channel,), f"{format_count(num, 'message')} of unknown topic {channel}")
         self._times = {number: np.sort(np.frombuffer(found, np.int64)) for number, found in times.items()}
         return self._times
 
