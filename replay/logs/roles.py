@@ -231,7 +231,7 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
     return found
 
 
-_RAW = ("VelodyneScan", "PacketMsg", "CustomMsg", "ClusterList", "EsrEthTx")
+_RAW = ("VelodyneScan", "PandarScan", "NebulaPackets", "PacketMsg", "CustomMsg", "ClusterList", "EsrEthTx")
 _THIN = ("LaserScan", "Object", "Track")
 
 

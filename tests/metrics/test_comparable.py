@@ -78,7 +78,7 @@ class TestCommonInstants:
     def test_frames_of_one_run_alone_are_noted(self, run) -> None:
         base, head = run("d", 0, 100, 200), run("e", 100, 200, 300, 400)
         assert require_common_instants(base, head) == (
-            "1 frames are at instants that base alone has", "2 frames are at instants that head alone has",
+            "1 frame is at instants that base alone has", "2 frames are at instants that head alone has",
         )  # fmt: skip
         assert require_common_instants(base, base) == ()
 

@@ -29,7 +29,7 @@ def test_numbers_that_are_none_are_not_equal():
     check = checked((900, None))
     assert check.find_labeled(np.array([100 * MS]), np.array([-1])).tolist() == [False]
     (lost,) = check.findings(np.array([100 * MS]), np.array([-1]))
-    assert (lost.code, lost.text) == ("GT006", "1 of 1 messages of truth belong to no frame")
+    assert (lost.code, lost.text) == ("GT006", "1 of 1 message of truth belong to no frame")
 
 
 def test_the_nearest_truth_before_or_behind_counts():

@@ -61,6 +61,14 @@ _TYPES: Mapping[str, _Type] = {
     "velodyne_msgs/msg/VelodyneScan": _Type(
         ("lidar",), lidars.velodyne_sweep, probe=lidars.probe_velodyne, layout=lidars.read_velodyne
     ),
+    **{
+        name: _Type(("lidar",), lidars.hesai_sweep, probe=lidars.probe_hesai, layout=layout)
+        for name, layout in (
+            ("pandar_msgs/msg/PandarScan", lidars.read_pandar),
+            ("hesai_lidar/msg/PandarScan", lidars.read_pandar),
+            ("nebula_msgs/msg/NebulaPackets", lidars.read_nebula),
+        )
+    },
     "foxglove_msgs/msg/LaserScan": _Type(
         ("lidar",), lidars.foxglove_scan, probe=lidars.probe_foxglove, needs_definition=True
     ),

@@ -44,6 +44,12 @@ DEFINITIONS: Mapping[str, str] = {
     },
     "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nVelodynePacket[] packets",
     "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
+    **{f"{package}/msg/PandarScan": "std_msgs/Header header\nPandarPacket[] packets"
+       for package in ("pandar_msgs", "hesai_lidar")},
+    **{f"{package}/msg/PandarPacket": "builtin_interfaces/Time stamp\nuint8[1500] data\nuint32 size"
+       for package in ("pandar_msgs", "hesai_lidar")},
+    "nebula_msgs/msg/NebulaPackets": "std_msgs/Header header\nNebulaPacket[] packets",
+    "nebula_msgs/msg/NebulaPacket": "builtin_interfaces/Time stamp\nuint8[] data",
     "radar_msgs/msg/RadarScan": "std_msgs/Header header\nRadarReturn[] returns",
     "radar_msgs/msg/RadarReturn":
         "float32 range\nfloat32 azimuth\nfloat32 elevation\nfloat32 doppler_velocity\nfloat32 amplitude",
@@ -66,8 +72,8 @@ DEFINITIONS: Mapping[str, str] = {
     "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms",
 }  # fmt: skip
 """Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2, tf2_msgs,
-foxglove_msgs, ffmpeg_image_transport_msgs 1, h264_msgs, theora_image_transport 5, and of the drivers of Livox and
-Velodyne.
+foxglove_msgs, ffmpeg_image_transport_msgs 1, h264_msgs, theora_image_transport 5, and of the drivers of Livox,
+Velodyne, Hesai and nebula.
 """
 
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB

@@ -1,13 +1,13 @@
-"""Messages of LiDARs other than clouds: planar scans, Livox, and the packets of a turn of a Velodyne."""
+"""Messages of LiDARs other than clouds: planar scans, Livox, and the packets of a turn of a Velodyne or Hesai."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError, PointsError
-from fbench.replay.data.arrays import Array
+from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.messages import PointCloud
-from fbench.replay.logs.codecs import velodyne
+from fbench.replay.logs.codecs import hesai, velodyne
 from fbench.replay.logs.codecs.codec import Origin, Probe
 from fbench.replay.logs.codecs.packed_points import place
 from fbench.replay.logs.codecs.planar import PlanarScan, find_valid, spread_rays
@@ -165,14 +165,17 @@ _PACKET = np.dtype([("sec", "u4"), ("nanosec", "u4"), ("data", "u1", (velodyne.S
 def read_velodyne(data: memoryview, encoding: str) -> VelodyneScan:
     """Read a VelodyneScan. Raises DecodeError where the payload is damaged."""
     cursor = Cursor(data, encoding)
-    header = cursor.header()
-    num = cursor.uint32()
-    if num > _MAX_PACKETS:
-        raise DecodeError(f"scan of {num} packets, at most {_MAX_PACKETS} are read")
+    header, num = cursor.header(), _require_packets(cursor.uint32())
     rows = cursor.rows(_PACKET, num)
     cursor.end()
     stamps = (nanoseconds(int(sec), int(nanosec)) for sec, nanosec in zip(rows["sec"], rows["nanosec"], strict=True))
     return VelodyneScan(header, tuple(stamps), np.ascontiguousarray(rows["data"]))
+
+
+def _require_packets(num: int) -> int:
+    if num > _MAX_PACKETS:
+        raise DecodeError(f"scan of {num} packets, at most {_MAX_PACKETS} are read")
+    return num
 
 
 def probe_velodyne(scan: VelodyneScan, encoding: str) -> Probe:
@@ -191,9 +194,61 @@ def velodyne_sweep(kind: str, scan: VelodyneScan, encoding: str, origin: Origin)
     packet_ns = np.array(scan.stamps_ns, np.int64) - scan.header.stamp_ns
     if not all(scan.stamps_ns):  # written by a program that leaves the packets' own stamps out
         packet_ns = velodyne.clock_ns(scan.packets)
+    return _join_packets(points, packet_ns, scan.header, origin)
+
+
+def _join_packets(points: velodyne.Points, packet_ns: Int64, header: Header, origin: Origin) -> PointCloud:
+    """Return the points of packets whose stamps are so long after the header's."""
     ns = np.rint(points.time_ns).astype(np.int64) + packet_ns[points.packet]
     fits = not len(ns) or max(int(ns.max()), -int(ns.min())) < 2**31
     return PointCloud(
-        origin.sensor, scan.header.stamp_ns, origin.log_ns, points.xyz, points.intensity, points.ring,
+        origin.sensor, header.stamp_ns, origin.log_ns, points.xyz, points.intensity, points.ring,
         ns.astype(np.int32) if fits else None, origin.frame_number,
     )  # fmt: skip
+
+
+class HesaiScan(NamedTuple):
+    """`PandarScan` of Hesai's driver and of pandar_msgs, and `nebula_msgs/NebulaPackets`."""
+
+    header: Header
+    stamps_ns: tuple[int, ...]  # Of the packets
+    packets: tuple[bytes, ...]
+
+
+_PANDAR = np.dtype([("sec", "u4"), ("nanosec", "u4"), ("data", "u1", (1500,)), ("size", "u4")])
+
+
+def read_pandar(data: memoryview, encoding: str) -> HesaiScan:
+    """Read a PandarScan, whose packets have room for 1500 bytes. Raises DecodeError where the payload is damaged."""
+    cursor = Cursor(data, encoding)
+    header, num = cursor.header(), _require_packets(cursor.uint32())
+    rows = cursor.rows(_PANDAR, num)
+    cursor.end()
+    stamps = tuple(nanoseconds(int(row["sec"]), int(row["nanosec"])) for row in rows)
+    return HesaiScan(header, stamps, tuple(bytes(row["data"][: row["size"]]) for row in rows))
+
+
+def read_nebula(data: memoryview, encoding: str) -> HesaiScan:
+    """Read NebulaPackets. Raises DecodeError where the payload is damaged."""
+    cursor = Cursor(data, encoding)
+    header, num = cursor.header(), _require_packets(cursor.uint32())
+    parts = [(nanoseconds(cursor.uint32(), cursor.uint32()), bytes(cursor.blob())) for _ in range(num)]
+    cursor.end()
+    return HesaiScan(header, tuple(stamp for stamp, _ in parts), tuple(packet for _, packet in parts))
+
+
+def probe_hesai(scan: HesaiScan, encoding: str) -> Probe:
+    """Tell the coordinate frame. Raises UnsupportedError where the model can't be decoded."""
+    hesai.read_table(scan.packets)
+    return Probe("lidar", scan.header.frame_id)
+
+
+def hesai_sweep(kind: str, scan: HesaiScan, encoding: str, origin: Origin) -> PointCloud:
+    """Return the points of all packets; times count from the header's stamp, which drivers take from the first one."""
+    if not scan.packets:
+        raise PointsError("scan without packets")
+    table = hesai.read_table(scan.packets)
+    packet_ns = np.array(scan.stamps_ns, np.int64) - scan.header.stamp_ns
+    if not all(scan.stamps_ns) or len(packet_ns) != len(table):
+        packet_ns = hesai.clock_ns(table)
+    return _join_packets(hesai.decode(table), packet_ns, scan.header, origin)

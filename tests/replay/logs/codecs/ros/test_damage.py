@@ -20,7 +20,7 @@ DOPPLER = structured(**XYZ, vr=np.float32([3, 4]))
 def payloads(distro):
     """Name, kind and payload of one message of every type."""
     known = {**test_boxes.NEW, **test_radar.SCANS, test_calibration.TF2: test_calibration.TEXT}
-    known |= {**test_lidars.VELODYNE, **test_lidars.livox("livox_ros_driver")}
+    known |= {**test_lidars.VELODYNE, **test_lidars.HESAI, **test_lidars.livox("livox_ros_driver")}
     ros = Ros(distro, known)
     flat = ros.make(
         "vision_msgs/msg/Detection2D", ros.header(""), test_boxes.results(ros, [("car", 0.5)], "new"),

@@ -5,8 +5,12 @@ import pytest
 from rosbags.typesys import Stores
 from tests.replay.logs.codecs.oracles.velodyne_packets import STRONGEST, packets
 from tests.replay.logs.codecs.ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros
+from tests.replay.logs.codecs.test_hesai import packet as hesai_packet
 
 from fbench.replay.contracts.errors import DecodeError, PointsError, UnsupportedError
+from fbench.replay.logs.codecs.hesai import decode as decode_hesai
+from fbench.replay.logs.codecs.hesai import read_table
+from fbench.replay.logs.codecs.ros.lidars import read_nebula
 from fbench.replay.logs.codecs.velodyne import SIZE, decode
 
 SCAN, ECHOES, ECHO = (f"sensor_msgs/msg/{name}" for name in ("LaserScan", "MultiEchoLaserScan", "LaserEcho"))
@@ -186,7 +190,7 @@ def small_messages(ros):
     return (
         planar(ros, SCAN, floats(RANGES), floats(INTENSITIES)), planar(ros, ECHOES, echoes, echoes),
         ros.make("livox_ros_driver/msg/CustomMsg", *livox_parts),
-        velodyne_scan(ros, packets(0x22, STRONGEST, num=1), [STAMP]),
+        velodyne_scan(ros, packets(0x22, STRONGEST, num=1), [STAMP]), *hesai_scans(ros, [hesai_packet()], [STAMP]),
     )  # fmt: skip
 
 
@@ -222,3 +226,59 @@ def test_velodynes_that_cant_be_read():
     cut = ros.write(velodyne_scan(ros, packets(0x22, STRONGEST), [STAMP] * 4))[:-100]
     with pytest.raises(DecodeError, match="payload ends early"):
         ros.codec(NAME).message("lidar", cut, ORIGIN)
+
+
+HESAI = {
+    "pandar_msgs/msg/PandarPacket": "builtin_interfaces/Time stamp\nuint8[1500] data\nuint32 size\n",
+    "pandar_msgs/msg/PandarScan": "std_msgs/Header header\npandar_msgs/PandarPacket[] packets\n",
+    "nebula_msgs/msg/NebulaPacket": "builtin_interfaces/Time stamp\nuint8[] data\n",
+    "nebula_msgs/msg/NebulaPackets": "std_msgs/Header header\nnebula_msgs/NebulaPacket[] packets\n",
+}
+
+
+def hesai_scans(ros, data, stamps):
+    """The same packets as both messages have them."""
+    pandar, nebula = [], []
+    for packet, stamp in zip(data, stamps, strict=True):
+        room = np.frombuffer(packet.ljust(1500, b"\0"), np.uint8)
+        pandar.append(ros.make("pandar_msgs/msg/PandarPacket", ros.time(stamp), room, len(packet)))
+        nebula.append(ros.make("nebula_msgs/msg/NebulaPacket", ros.time(stamp), np.frombuffer(packet, np.uint8)))
+    return (
+        ros.make("pandar_msgs/msg/PandarScan", ros.header("hesai"), pandar),
+        ros.make("nebula_msgs/msg/NebulaPackets", ros.header("hesai"), nebula),
+    )
+
+
+@every_distro
+@pytest.mark.parametrize("text", [False, True])
+@pytest.mark.parametrize("form", [0, 1])
+def test_hesai(distro, text, form):
+    """The driver stamps a scan with the time of its first packet."""
+    ros = Ros(distro, HESAI)
+    data = [hesai_packet([(7, 0, 1_000 + i, i + 1), (6, 3, 500, 9)]) for i in range(3)]
+    stamps = [STAMP, (STAMP[0], STAMP[1] + 400_000), (STAMP[0], STAMP[1] + 800_000)]
+    message = hesai_scans(ros, data, stamps)[form]
+    name = message.__msgtype__
+    assert ros.codec(name, text=text).probe(ros.write(message))[:2] == ("lidar", "hesai")
+    sweep, points = read(ros, message, text=text), decode_hesai(read_table(data))
+    assert sweep.stamp_ns == STAMP_NS
+    np.testing.assert_array_equal(sweep.xyz, points.xyz)
+    assert sweep.intensity.tolist() == [9, 1, 9, 2, 9, 3]
+    assert sweep.offset_ns.tolist() == [
+        i * 400_000 + at for i in range(3) for at in (6_000 - 50_000 + 3 * 1_512, 6_000)
+    ]
+
+
+def test_hesai_scans_that_cant_be_read():
+    ros = Ros(DISTROS[1], HESAI)
+    for message in hesai_scans(ros, [], []):
+        with pytest.raises(PointsError, match="scan without packets"):
+            read(ros, message)
+    for message in hesai_scans(ros, [bytes(861)], [STAMP]):
+        with pytest.raises(UnsupportedError, match="of Hesai's only PandarXT-32 and XT-16"):
+            ros.codec(message.__msgtype__).probe(ros.write(message))
+    for message in hesai_scans(ros, [hesai_packet(stamp_us=us) for us in (5, 405)], [(0, 0)] * 2):
+        assert read(ros, message).stamp_ns == STAMP_NS  # and the packets' own clock
+    many = ros.write(hesai_scans(ros, [], [])[1])
+    with pytest.raises(DecodeError, match="scan of 10001 packets, at most 10000"):
+        read_nebula(memoryview(bytes(many[:-4]) + (10_001).to_bytes(4, "little")), "cdr")
