@@ -37,6 +37,7 @@ RULES: Mapping[str, Rule] = {
     "DEC003": Rule("error", "look at the program that wrote the cloud; it is skipped"),
     "DEC004": Rule("error", "look for a full network or a slow recorder; a shorter interval of keyframes loses less"),
     "DEC005": Rule("info", "nothing: a recording rarely begins with a keyframe"),
+    "DEC006": Rule("info", "nothing; record H.264, H.265, or AV1 with order hints, which number their pictures"),
     "DAT001": Rule("error", "look at the sensor's driver; these clouds are skipped"),
     "DAT002": Rule("warning", "look at the sensor: was it covered or starting up?"),
     "DAT003": Rule("warning", "look whether the sensor gives meters"),

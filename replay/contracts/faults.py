@@ -45,6 +45,7 @@ FAULTS: dict[str, FaultKind] = {
     "DEC003": FaultKind("count", "cloud whose sizes don't fit together, or without coordinates"),
     "DEC004": FaultKind("count", "picture of a video that lacks what it depends on, lost until the next keyframe"),
     "DEC005": FaultKind("degrade", "picture of a video before its first keyframe, can't be decoded"),
+    "DEC006": FaultKind("degrade", "video whose pictures have no numbers, so a lost message would go unnoticed"),
     "DAT001": FaultKind("count", "cloud with mostly non-finite points skipped"),
     "DAT002": FaultKind("degrade", "empty point cloud"),
     "DAT003": FaultKind("degrade", "points farther away than 1 km; are the units metres?"),

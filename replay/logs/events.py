@@ -45,7 +45,11 @@ class EventDecoder:
         message = self._read(entry, moving, assembly)
         if videos is None or not isinstance(message, Image):
             return message
-        return videos.take(entry.topic, message)
+        placed = videos.take(entry.topic, message)
+        is_video = placed is not None and placed.video is not None and placed.video.source is not None
+        if placed is not None and is_video and not videos.is_numbered(entry.topic):
+            self._once("DEC006", (entry.topic,), f"{entry.topic}: {placed.encoding}")
+        return placed
 
     def _read(self, entry: Entry, moving: TfPoses | None, assembly: Assembly) -> Message | None:
         role = self._roles[entry.channel]

@@ -297,6 +297,7 @@ ELSEWHERE = {
     "DEC003": "tests/replay/logs/test_foreign.py::test_broken_clouds_are_counted",
     "DEC004": "tests/cli/test_video.py::test_lost_messages_are_faults_and_no_picture_is_wrong",
     "DEC005": "tests/cli/test_video.py::test_a_recording_that_begins_between_keyframes_is_complete",
+    "DEC006": "tests/replay/logs/codecs/video/test_damage.py::test_videos_whose_losses_go_unseen_are_flagged",
     "FRM001": "tests/replay/engine/test_absence.py::test_what_came_is_never_said_to_have_never_come",
     "GT001": "tests/cli/test_score_files.py::test_truth_for_no_sequence_is_an_error",
     "GT005": "tests/replay/formats/test_openlabel.py::test_what_is_no_box_is_counted",

@@ -30,6 +30,10 @@ class PictureHead(NamedTuple):
 class HeadReader(Protocol):
     """Reads the packets of one video in their order."""
 
+    @property
+    def is_numbered(self) -> bool:
+        """Whether pictures have numbers, so that a lost one is missed, and equal packets are one picture twice."""
+
     def read(self, packet: bytes) -> PictureHead | None:
         """Tell what a packet says; `None` where it has no picture, only what later ones need. Raises DecodeError where
         it is damaged, or the picture is too large.

@@ -42,6 +42,8 @@ class _Sequence:
 class H264Heads:
     """Reads the packets of one H.264 video; see `HeadReader`."""
 
+    is_numbered = True
+
     def __init__(self) -> None:
         self._sequences: dict[int, tuple[_Sequence, bytes, bytes]] = {}  # With the unit, and one without delay
         self._pictures: dict[int, tuple[int, bytes]] = {}  # Number of the sequence, and the unit

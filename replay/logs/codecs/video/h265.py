@@ -44,6 +44,8 @@ class _Picture(NamedTuple):
 class H265Heads:
     """Reads the packets of one H.265 video; see `HeadReader`."""
 
+    is_numbered = True
+
     def __init__(self) -> None:
         self._sequences: dict[int, _Sequence] = {}
         self._pictures: dict[int, _Picture] = {}

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 _HEADS: Mapping[str, Callable[[], HeadReader]] = {
     "h264": H264Heads, "h265": H265Heads, "vp9": Vp9Heads, "av1": Av1Heads,
 }  # fmt: skip
-_NUMBERED = ("h264", "h265")  # Equal messages are one picture twice: in these, two pictures differ by their numbers
 _NAMES: Mapping[str, str] = {
     "h264": "h264", "x264": "h264", "openh264": "h264", "avc": "h264", "avc1": "h264", "h265": "h265", "x265": "h265",
     "hevc": "h265", "hvc1": "h265", "hev1": "h265", "vp9": "vp9", "vpx-vp9": "vp9", "vp09": "vp9", "av1": "av1",
@@ -79,12 +78,17 @@ class VideoStream:
         self._decoder: Decoder | None = None
         self._error: MissingPackageError | None = None
 
+    @property
+    def is_numbered(self) -> bool:
+        """Whether a lost message is missed."""
+        return self._heads is not None and self._heads.is_numbered
+
     def take(self, image: Image) -> Image | None:
         """Return a message with its place in the video and its size; `None` where it holds no picture, only what the
         next one needs, and then gets.
         """
         last = self._last
-        if last is not None and last.data == image.data and image.encoding in _NUMBERED:
+        if last is not None and last.data == image.data and self.is_numbered and image.encoding == self._codec:
             return replace(image, size_wh=last.size_wh, video=last.video)
         if image.encoding != self._codec or self._heads is None:
             self._codec, self._heads, self._stretch = image.encoding, _HEADS[image.encoding](), None
@@ -150,6 +154,10 @@ class VideoStreams:
         if image.encoding not in _HEADS:
             return image
         return self._streams.setdefault(topic, VideoStream()).take(image)
+
+    def is_numbered(self, topic: str) -> bool:
+        """Tell whether a lost message of a topic is missed: always, where it is no video."""
+        return topic not in self._streams or self._streams[topic].is_numbered
 
 
 T = TypeVar("T")

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.replay.logs import builders as b
 from tests.replay.logs.codecs.video import builders as v
-from tests.replay.logs.codecs.video.test_pictures import oracle, place
+from tests.replay.logs.codecs.video.test_pictures import AV1, oracle, place
 
 from fbench.replay.contracts.errors import LogError, MissingPackageError
 from fbench.replay.contracts.faults import explain_losses
@@ -15,6 +15,7 @@ from fbench.replay.data.images import decode, decode_grey
 from fbench.replay.data.messages import Image
 from fbench.replay.logs.codecs.video import stream
 from fbench.replay.logs.codecs.video.bits import B_FRAMES
+from fbench.replay.logs.codecs.video.vp9_av1 import Av1Heads
 
 PACKETS = v.encode(num=12, key_every=6)
 WANTED = oracle("h264", PACKETS)
@@ -223,3 +224,55 @@ def test_faults_of_a_log(tmp_path):
         *["a message before it is missing: picture 2 comes after 0"] * 4,
     ]  # fmt: skip
     assert np.array_equal([image.video.is_lost for image in images], [False, False, False, True, True, True, True])
+
+
+SEQUENCE = bytes.fromhex("0a0a00000002afff895f2008")
+"""The sequence header of AV1 of test_pictures: order hints of seven bits, screen content and motion by frame."""
+
+
+def av1(order, shown=True, again=False, key=False):
+    """A packet of AV1 as far as its headers are read: one frame, that of 5.9.2 bit by bit."""
+    kind, resilience = ("00", "") if key else ("01", "0")
+    bits = "1" + "000" if again else f"0{kind}{int(shown)}{'' if shown else '0'}{resilience if shown else '0'}00"
+    bits += "" if again else f"0{order % 128:07b}"
+    frame = int(bits.ljust(64, "0"), 2).to_bytes(8, "big")
+    unit = bytes([0x32, len(frame)]) + frame
+    return b"\x12\0" + (SEQUENCE if key else b"") + unit
+
+
+def lost(packets):
+    heads = Av1Heads()
+    return [head.lost for packet in packets if (head := heads.read(packet)) is not None]
+
+
+def test_lost_messages_of_av1_are_told_by_order_hints():
+    hidden = av1(9, shown=False)[2:]  # a later picture that comes before
+    good = [av1(0, key=True), av1(1), av1(2), av1(3), av1(4)]
+    assert lost(good) == [""] * 5
+    assert lost([good[0], *good[2:]])[1] == "a message before it is missing: picture 2 comes after 0"
+    assert lost([*good[:3], good[4]])[3] == "a message before it is missing: picture 4 comes after 2"
+    assert lost([av1(126, key=True), av1(127), av1(0)]) == [""] * 3  # it has seven bits
+    assert lost([good[0], good[2][:2] + hidden + av1(1)[2:], av1(2)]) == [""] * 3
+    assert lost([good[0], av1(0, again=True), av1(2)]) == [""] * 3  # shows a picture that came before
+    assert lost([good[0], av1(0, again=True), av1(3)])[2].startswith("a message before it is missing")
+    assert lost([good[0], good[1], av1(50, key=True), av1(51)]) == [""] * 4  # keyframes begin anew
+
+
+def test_a_lost_message_of_av1_shows_no_picture_until_the_next_keyframe():
+    packets = [bytes.fromhex(text) for text in AV1]
+    images = place([packets[0], packets[2], *packets], "av1")
+    assert [image.video.damage[:33] for image in images] == ["", "a message before it is missing: p", "", "", ""]
+    assert images[1].video.is_lost
+    again = place([packets[0], packets[1], packets[1], packets[2]], "av1")  # recorded twice
+    assert [image.video.index for image in again] == [0, 1, 1, 2]
+    assert not any(image.video.damage for image in again)
+
+
+@pytest.mark.parametrize(("codec", "is_flagged"), [("vp9", True), ("h264", False), ("av1", False)])
+def test_videos_whose_losses_go_unseen_are_flagged(tmp_path, codec, is_flagged):
+    packets = [bytes.fromhex(text) for text in AV1] if codec == "av1" else v.encode(codec)
+    reader, faults = b.read(v.write_log(tmp_path / "log.mcap", packets, codec))
+    assert len(b.numbers(list(reader.messages()), Image)) == len(packets)
+    list(reader.messages())
+    assert faults.counts["DEC006"] == is_flagged  # once
+    assert not faults.num_lost
