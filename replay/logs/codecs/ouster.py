@@ -44,7 +44,8 @@ class _Profile(NamedTuple):
     returns: tuple[_Return, ...]
 
 
-_LEGACY = "LEGACY"
+_LEGACY, _FUSA = "LEGACY", "FUSA_RNG15_RFL8_NIR8_DUAL"
+_FRAME_AT: Mapping[str, int] = {_LEGACY: 10, _FUSA: 4}  # Byte of a packet at which the number of its frame is, else 2
 _RANGE1, _RANGE2 = _Field(0, 0, 19), _Field(1, 0, 19)
 _LOW1, _LOW2 = _Return(_Field(0, 0, 15, 3), _Field(0, 16, 8)), _Return(_Field(1, 0, 15, 3), _Field(1, 16, 8))
 _ONE = _Return(_RANGE1, _Field(1, 16, 16))
@@ -62,6 +63,7 @@ _PROFILES: Mapping[str, _Profile] = {
     "RNG15_RFL8_WIN8": _Profile(1, (_LOW1,)),
     "RNG15_RFL8_NIR8_ZONE16": _Profile(2, (_LOW1,)),
     "RNG15_RFL8_NIR8_DUAL": _Profile(2, (_LOW1, _LOW2)),
+    _FUSA: _Profile(2, (_LOW1, _LOW2)),
 }
 _ORIGINS_MM = (("OS-0-", 27.67), ("OS-1-", 15.806), ("OS-2-", 13.762), ("", 12.163))
 """From the sensor's axis to where beams begin, by product, for old firmware that doesn't say it."""
@@ -103,7 +105,7 @@ class OusterFormat:
 
     def frame_number(self, packet: memoryview) -> int:
         """Number of the turn that a packet belongs to, modulo 65,536."""
-        at = 10 if self.profile == _LEGACY else 2
+        at = _FRAME_AT.get(self.profile, 2)
         return int.from_bytes(packet[at : at + 2], "little")
 
     def decode(self, packets: Sequence[bytes]) -> Turn | None:

@@ -58,6 +58,17 @@ def test_a_single_pixel():
     assert turn.start_ns == START_NS + 128 * STEP_NS
 
 
+def test_packets_of_functional_safety_have_the_pixels_of_the_other_two_returns():
+    """In their head the number of the frame has 32 bits, and comes behind a type and the number of the start."""
+    plain, name = "RNG15_RFL8_NIR8_DUAL", "FUSA_RNG15_RFL8_NIR8_DUAL"
+    safe = [b"\1\7\0\0" + (70_005).to_bytes(4, "little") + data[8:] for data in packets(plain)]
+    sensor = read_metadata(metadata(name))
+    assert [sensor.frame_number(memoryview(data)) for data in safe] == [70_005 % 2**16] * 4
+    turn, wanted = sensor.decode(safe), read_metadata(metadata(plain)).decode(packets(plain))
+    np.testing.assert_array_equal(turn.xyz, wanted.xyz)
+    np.testing.assert_array_equal(turn.intensity, wanted.intensity)
+
+
 def test_invalid_columns_are_left_out():
     words = np.full((PER_PACKET, HEIGHT, 3), 5000, np.uint32)
     sensor = read_metadata(metadata(SINGLE))
