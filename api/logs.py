@@ -66,9 +66,10 @@ class OpenLog:
 
     def _repr_html_(self) -> str:
         """Show the log's name and sensors in a notebook."""
-        counts = self.reader.num_messages
+        counts, estimated = self.reader.num_messages, self.reader.estimated
         rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{mount.kind}</td><td>{counts.get(name, 0)}</td></tr>"
+            f"<tr><td>{escape(name)}</td><td>{mount.kind}</td>"
+            f"<td>{'≈' if name in estimated else ''}{counts.get(name, 0)}</td></tr>"
             for name, mount in sorted(self.rig.mounts.items())
         )
         head = "<tr><th>sensor</th><th>kind</th><th>messages</th></tr>"

@@ -118,19 +118,8 @@ def describe_unread(channel: Channel) -> str:
 
 SENSOR_WORDS = ("packet", "scan", "cloud", "points", "image", "video", "lidar", "radar")
 """In names of topics and types with measurements."""
-_OTHER_WORDS = (
-    "imu",
-    "status",
-    "state",
-    "diagnos",
-    "info",
-    "config",
-    "health",
-    "depth",
-    "marker",
-    "parameter",
-    "event",
-)
+_OTHER_WORDS = ("imu", "gps", "gnss", "status", "state", "diagnos", "info", "config", "metadata", "health", "depth",
+                "marker", "parameter", "event")  # fmt: skip
 _OTHER_PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs", "diagnostic_msgs", "rosgraph_msgs", "rcl_interfaces",
                    "visualization_msgs", "tf2_msgs")  # fmt: skip
 

@@ -10,6 +10,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import absolute_name
 from fbench.replay.data.scores import format_count
 from fbench.replay.logs.open import open_container
+from fbench.replay.logs.roles import SENSOR_WORDS
 from fbench.replay.setup.guess_frames import Clocks, frames_table, guess_clocks, guess_reference
 from fbench.replay.setup.guess_radar import doppler_lines, period_line
 from fbench.replay.setup.guess_rig import Body, calibration_line, guess_body, guess_pose, read_intrinsics
@@ -18,8 +19,7 @@ from fbench.replay.setup.guess_truth import classes_table, find_neighbors, resul
 from fbench.replay.setup.inspection import Draft, LeftOut, Line, SampledTopic, Table, Value, inspect_log
 from fbench.replay.setup.source import name_decoder
 
-_OF_INTEREST = ("scan", "packet", "radar", "lidar", "image", "video", "depth", "cloud", "detection", "track", "object",
-                "box", "label", "odom", "pose", "navsat")  # fmt: skip
+_OF_INTEREST = (*SENSOR_WORDS, "depth", "detection", "track", "object", "box", "label", "odom", "pose", "navsat")
 _MAX_UNREAD, _MAX_OTHERS = 30, 5
 _UPRIGHT = 0.9  # Cosine between two axes that are nearly one
 

@@ -285,6 +285,7 @@ def test_unknown_topics_are_counted_once(tmp_path):
         ("/radar/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "LOG012"),
         ("/lidar/name", "std_msgs/msg/String", "LOG012"),
         ("/gnss/fix", "sensor_msgs/msg/NavSatFix", "LOG012"),
+        ("/lidar/gps", "acme_msgs/msg/Sentence", "LOG012"),
     ],
 )
 def test_topics_that_look_like_those_of_sensors_are_told_apart(tmp_path, topic, schema, code):
