@@ -120,7 +120,7 @@ def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, Cell
     from fbench.replay.data.scores import table_rows
     from fbench.replay.runs.folder import Run
     from fbench.reports.html.page import HtmlReport
-    from fbench.reports.markdown import markdown
+    from fbench.reports.markdown import markdown, measured_markdown
 
     folder = what.folder
     runs = [
@@ -135,6 +135,7 @@ def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, Cell
     for name, values in (("results", content), ("latency", measured)):
         replace_text(folder / f"{name}.json", json.dumps(values, indent=1, allow_nan=False) + "\n")
     replace_text(folder / "results.md", markdown(results))
+    replace_text(folder / "latency.md", measured_markdown(results))
     if not (shown := runs_to_show(done)):
         return [folder / "results.md"]
     HtmlReport().write_results(results, shown, folder / "report.html")

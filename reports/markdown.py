@@ -1,19 +1,27 @@
 """Tables of results as a page of Markdown."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, format_number
 
 
 def markdown(results: Results) -> str:
-    """Return the page; figures of the source system stand in brackets behind ours."""
+    """Return the page without what was measured; figures of the source system stand in brackets behind ours."""
     lines = [f"# {results.title}", ""]
     lines += [f"- {name}: {f'`{text}`' if name == 'command' else _plain(text)}" for name, text in results.facts]
-    for table in (*results.tables, *results.measured):
-        lines += ["", *_table(table)]
+    lines += _tables(results.tables)
     if results.problems:
         lines += ["", "## What failed, was left out or missing", "", *(f"- {_plain(p)}" for p in results.problems)]
     return "\n".join(lines) + "\n"
+
+
+def measured_markdown(results: Results) -> str:
+    """Return the page of what was measured, which differs from run to run."""
+    return "\n".join([f"# {results.title}: times", *_tables(results.measured)]) + "\n"
+
+
+def _tables(tables: Sequence[ResultTable]) -> list[str]:
+    return [line for table in tables for line in ("", *_table(table))]
 
 
 def _table(table: ResultTable) -> Iterator[str]:

@@ -5,11 +5,14 @@ from functools import cached_property
 
 import numpy as np
 
-from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.errors import LimitError, MetricError
 from fbench.replay.contracts.profiles import SimilarityKind
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import MAX_BOXES
 from fbench.replay.data.sequences import Objects, are_finite
 from fbench.replay.geometry.iou import comparable, flat_iou
+
+MAX_PAIRS = MAX_BOXES**2  # Of truth and estimates in one step: so many of each fit into memory several times
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +123,11 @@ def image_overlaps(truth: Objects, estimates: Objects, num_steps: int, region: B
 
 def _starts(truth: Objects, estimates: Objects, num_steps: int) -> tuple[Int64, Int64, Int64]:
     starts = truth.starts(num_steps), estimates.starts(num_steps)
+    rows, columns = np.diff(starts[0]), np.diff(starts[1])
+    if (over := np.flatnonzero(rows * columns > MAX_PAIRS)).size:
+        sides = f"{rows[over[0]]} truth boxes and {columns[over[0]]} results"
+        limit = f"more than {MAX_PAIRS} pairs; leave out results with low scores"
+        raise LimitError(f"frame number {over[0]} of the sequence: {sides} to compare, {limit}", "LIM005")
     return *starts, block_starts(*starts)
 
 

@@ -67,6 +67,7 @@ RULES: Mapping[str, Rule] = {
     "GT003": Rule("error", "give every object of a frame its own id", "two boxes of one frame have the same id"),
     "GT004": Rule("error", "repair or remove these boxes", "a box isn't finite or has no size"),
     "GT006": Rule("warning", "choose the sensor that was labeled with --reference"),
+    "GT008": Rule("error", "keep the boxes that matter; a frame with more isn't scored", "a frame has too many boxes"),
     "PRD002": Rule("error", "repair the pipeline"),
     # Codes that only a check reports.
     "CHK001": Rule("error", "let the driver stamp its messages", "stamps are 0"),

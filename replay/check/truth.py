@@ -9,7 +9,7 @@ import numpy as np
 from fbench.replay.check.clock_shift import REACH_NS, Sweep, fit_tracks, judge_clock, make_tracks
 from fbench.replay.check.findings import Finding, finding
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
-from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.boxes import MAX_BOXES, Boxes, Boxes2D, Boxes3D, most_boxes
 from fbench.replay.data.messages import Message, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import format_count
@@ -17,7 +17,11 @@ from fbench.replay.engine.cleaning import Skipped
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.truth.labelling import TOLERANCE_NS, is_real
 
-_OF_BOXES = {"GT003": "have the id of another one of their frame", "GT004": "aren't finite or have no size"}
+_OF_BOXES = {
+    "GT003": "have the id of another one of their frame",
+    "GT004": "aren't finite or have no size",
+    "GT008": f"are in frames with more than {MAX_BOXES}",
+}
 
 
 class TruthCheck:
@@ -37,7 +41,8 @@ class TruthCheck:
             if boxes is None:
                 continue
             self._num_boxes += len(boxes)
-            for code, num in (("GT003", _count_repeated(boxes)), ("GT004", int(np.count_nonzero(~is_real(boxes))))):
+            bad = {"GT003": _count_repeated(boxes), "GT004": int(np.count_nonzero(~is_real(boxes)))}
+            for code, num in {**bad, "GT008": len(boxes) * (most_boxes(boxes) > MAX_BOXES)}.items():
                 if num:
                     self._bad[code] += num
                     self._first.setdefault(code, f"stamp {truth.stamp_ns} ns")

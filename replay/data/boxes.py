@@ -16,6 +16,11 @@ MAX_MAGNITUDE = 1e9
 """Coordinates, sizes and angles from here on count as not finite: no box of a vehicle's world has them."""
 
 
+MAX_BOXES = 1000
+"""Boxes of one frame in space, or in one camera's image: more are refused, since pairs of boxes are compared. Devkits
+allow fewer (nuScenes 500 of a sample, COCO 100 of an image)."""
+
+
 class Source(IntFlag):
     """Which sensors contributed to a box."""
 
@@ -153,6 +158,13 @@ def finite(boxes: Boxes2D | Boxes3D) -> tuple[Bool, Bool]:
     magnitude = np.abs(np.nan_to_num(boxes.geometry, nan=np.inf))
     scored: Bool = np.ones(len(boxes), bool) if boxes.score is None else np.isfinite(boxes.score)
     return np.all(magnitude < MAX_MAGNITUDE, axis=1), scored
+
+
+def most_boxes(boxes: Boxes2D | Boxes3D) -> int:
+    """How many boxes are compared with each other, at most: those in space, or in one image where all are too many."""
+    if isinstance(boxes, Boxes3D) or len(boxes) <= MAX_BOXES:
+        return len(boxes)
+    return int(np.unique(boxes.camera, return_counts=True)[1].max())
 
 
 B = TypeVar("B", "Boxes2D", "Boxes3D")

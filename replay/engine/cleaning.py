@@ -10,7 +10,7 @@ import numpy as np
 from fbench.replay.contracts.errors import DataError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.data.arrays import own_arrays
-from fbench.replay.data.boxes import LABELS, Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.boxes import LABELS, MAX_BOXES, Boxes, Boxes2D, Boxes3D, most_boxes
 from fbench.replay.data.frames import ClockName, Fault, Output
 from fbench.replay.data.messages import Image, Message, Pose
 from fbench.replay.data.rig import Rig
@@ -129,6 +129,11 @@ class OutputCheck:
             raise DataError(f"{where}: expected Boxes2D or Boxes3D, got {got}")
         if self._kind is not None and type(boxes) is not self._kind:
             raise DataError(f"{where}: expected {self._kind.__name__} as in other frames, got {got}")
+        if (num := most_boxes(boxes)) > MAX_BOXES:
+            place = "" if isinstance(boxes, Boxes3D) else " in one image"
+            raise DataError(
+                f"{where}: {num} boxes{place}, more than {MAX_BOXES}; give only those with the highest scores"
+            )
         cameras = boxes.camera.tolist() if isinstance(boxes, Boxes2D) else []
         labels = [] if boxes.label is None else boxes.label.tolist()
         known: Sequence[str]

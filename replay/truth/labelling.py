@@ -11,7 +11,7 @@ import numpy as np
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64
-from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate, finite
+from fbench.replay.data.boxes import MAX_BOXES, Boxes2D, Boxes3D, concatenate, finite, most_boxes
 from fbench.replay.data.messages import Truth
 from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
@@ -142,8 +142,13 @@ def drop_invalid(
 ) -> Truth | None:
     """Return the truth of frame `index` without boxes that aren't finite or have no size, which are counted as GT004;
     those in the world are moved to the body by its pose (4, 4). `None` where that isn't known at this frame alone,
-    counted as GT006. Raises LogError where boxes are in the world and no frame has a pose.
+    counted as GT006, and where there are more boxes than `MAX_BOXES`, counted as GT008. Raises LogError where boxes are
+    in the world and no frame has a pose.
     """
+    most = max((most_boxes(boxes) for boxes in (truth.boxes3d, truth.boxes2d) if boxes is not None), default=0)
+    if most > MAX_BOXES:
+        faults.add("GT008", f"frame {index}: {most} boxes, more than {MAX_BOXES}")
+        return None
     boxes3d = None if truth.boxes3d is None else _drop_unreal(truth.boxes3d, index, faults)
     if boxes3d is not None and truth.in_world and len(boxes3d):
         if not has_poses:

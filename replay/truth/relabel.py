@@ -26,7 +26,7 @@ from fbench.replay.runs.tables import BoxWriter
 from fbench.replay.truth.labelling import Instant, drop_invalid, stray
 from fbench.replay.truth.times import TruthTimes
 
-_ABOUT_TRUTH = ("GT004", "GT005", "GT006", "GT007")
+_ABOUT_TRUTH = ("GT004", "GT005", "GT006", "GT007", "GT008")
 _TABLES = ("truth.parquet", "truth_2d.parquet")
 
 

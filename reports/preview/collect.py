@@ -26,7 +26,7 @@ from fbench.replay.geometry.transforms import inverse
 from fbench.replay.logs.partial_rig import PartialRig
 from fbench.replay.logs.setup import StampParams
 from fbench.reports.html.records import positive
-from fbench.reports.preview.sample import Instant, Material, Sample
+from fbench.reports.preview.sample import Instant, Material, Sample, thin
 
 T = TypeVar("T")
 MAX_TIMES = 1000  # So many instants and arrivals at least are kept for the panel of times, where the log has as many
@@ -176,8 +176,11 @@ def collect(
     stream = FrameStream(log, request.sync, request.stamps, request.excerpt, Clock(), faults)
     kept, instants = Spread[Sample](request.num), Spread[Instant](MAX_TIMES)
     missing: dict[str, Counter[str]] = {}
+    strides: Counter[str] = Counter()
     num_frames, last = 0, None
-    for num_frames, frame in enumerate(stream.frames(log), 1):
+    for num_frames, whole in enumerate(stream.frames(log), 1):
+        frame, own = thin(whole)
+        strides |= Counter(own)  # the largest of each
         # Take back the places that were made up.
         unknown = [n for n in stream.rig.mounts if n in partial.problems and n not in partial.rig.mounts]
         rig = stream.rig.without(unknown) if unknown else stream.rig
@@ -209,6 +212,7 @@ def collect(
         dict(sorted(log.counts.items())),
         {name: dict(sorted(why.items())) for name, why in sorted(missing.items())},
         {name: period for name, period in periods.items() if period},
+        dict(sorted(strides.items())),
     )  # fmt: skip
 
 

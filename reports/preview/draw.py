@@ -21,6 +21,7 @@ QUIET: Color = (176, 168, 160)
 TRUTH: Color = (90, 255, 90)
 TRUTH_2D: Color = (255, 230, 60)
 CURVE: Color = (60, 210, 255)
+MAX_DISKS = 100_000  # Drawn one by one in a picture; of more, every n-th is
 OUTLINE = [0, 1, 2, 1, 2, 3, 0, 3, 0, 1]  # Of a rectangle (left, top, right, bottom): a closed line of five points
 NEAR_M, FAR_M = 2.0, 80.0
 MAX_SPEED_MPS = 10.0
@@ -104,7 +105,9 @@ def lines(picture: Pixels, texts: Sequence[str], colors: Sequence[Color], at: tu
 
 
 def disks(picture: Pixels, uv: Float64, radii: Array, colors: Colors, rim: bool = False) -> None:
-    """Draw points (N, 2) [px] as disks, in their order; with a dark `rim` they are seen on a bright ground."""
+    """Draw points (N, 2) [px] as disks, in their order, at most `MAX_DISKS` larger than a pixel; with a dark `rim` they
+    are seen on a bright ground.
+    """
     import cv2
 
     height, width = picture.shape[:2]
@@ -116,8 +119,10 @@ def disks(picture: Pixels, uv: Float64, radii: Array, colors: Colors, rim: bool 
             there = (u >= 0) & (u < width) & (v >= 0) & (v < height)
             picture[v[there], u[there]] = colors[there]
         return
-    places = np.round(uv[inside]).astype(int).tolist()
-    for place, radius, color in zip(places, radii[inside].tolist(), colors[inside].tolist(), strict=True):
+    shown = np.flatnonzero(inside)
+    shown = shown[:: max(1, -(-len(shown) // MAX_DISKS))]
+    places = np.round(uv[shown]).astype(int).tolist()
+    for place, radius, color in zip(places, radii[shown].tolist(), colors[shown].tolist(), strict=True):
         if rim:
             cv2.circle(picture, place, int(radius) + 1, (0, 0, 0), -1, cv2.LINE_AA)
         cv2.circle(picture, place, int(radius), color, -1, cv2.LINE_AA if rim else cv2.LINE_8)

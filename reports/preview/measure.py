@@ -39,6 +39,7 @@ _MIDDLE, _WIDER_M = 0.3, 0.5
 beside it, since the vehicle moves during a sweep."""
 _SIDE_RAD = 0.1
 _FEW, _MEASURE_MIN_SHARE = 5, 0.5
+_MOST_JUDGED = 200  # Boxes within `_NEAR_M` of one frame, against all its points; more tell nothing new
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,9 +225,10 @@ def check_labels(samples: Sequence[Sample]) -> Verdict | None:
 def _hits(boxes: Boxes3D, xyz: Float64) -> list[bool]:
     """Whether points are inside, of each box that can be judged."""
     azimuth, hits = np.arctan2(xyz[:, 1], xyz[:, 0]), []
-    for center, size, yaw in zip(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, strict=True):
-        beside = np.abs(np.angle(np.exp(1j * (azimuth - np.arctan2(center[1], center[0]))))) < _SIDE_RAD
-        if np.hypot(center[0], center[1]) < _NEAR_M and beside.any():
+    near = np.flatnonzero(np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1]) < _NEAR_M)[:_MOST_JUDGED]
+    for center, size, yaw in zip(boxes.center_m[near], boxes.size_lwh_m[near], boxes.yaw_rad[near], strict=True):
+        turn = np.abs(azimuth - np.arctan2(center[1], center[0]))
+        if (np.minimum(turn, 2 * np.pi - turn) < _SIDE_RAD).any():
             x, y, z = (xyz - center).T
             ahead, left = np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x
             inside = (np.abs(ahead) < size[0] / 2 + _WIDER_M) & (np.abs(left) < size[1] / 2 + _WIDER_M)

@@ -139,6 +139,7 @@ def _gaps(material: Material) -> Sequence[str]:
     """Say what isn't there."""
     gaps = [f"the log has no {_NAMES[kind]}" for kind in KINDS if kind not in material.kinds.values()]
     gaps += [f"{why}: it is shown on its own" for _, why in sorted(material.problems.items())]
+    gaps += [f"{name} has very many points: every {n}. is shown" for name, n in material.strides.items()]
     gaps += [] if material.num_labeled else ["no frame has truth"]
     if sum(kind == "camera" for kind in material.kinds.values()) > 1 and not pairs(material.rig):
         gaps.append("no two cameras are a stereo pair (one size, parallel within 10 deg, 0.05 to 2 m side by side)")

@@ -1,7 +1,7 @@
 """Samples that a preview is drawn from, and edges of depth and brightness in them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -9,23 +9,27 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.data.arrays import Array, Float32, Float64
+from fbench.replay.data.arrays import Array, Float32, Float64, Int64
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.geometry.transforms import inverse, transform
+from fbench.replay.logs.codecs.packed_points import take_points
 
 _SPREAD_RAD = (np.radians(0.8), np.radians(0.25))  # How far a neighbor is away at most, in azimuth and altitude
 _STEPS, _MAX_SPREAD_RAD = 1.25, np.radians(2.5)
 """A LiDAR whose shots lie farther apart in azimuth has its neighbors within so many steps."""
 _NEIGHBORS = 8
+_MAX_ALIKE = 64  # Points of one direction that may be each other's neighbors; sensors give two or three returns
 _MIN_STEP = 0.06
 _MAX_RANGE_M = 60.0
 _COLUMN_RAD, _RINGS_RAD = np.radians(0.5), (np.radians(0.1), np.radians(3.0))
 """Width of upright columns of points, and how far apart in altitude the rings of neighbors in a column are."""
 _MIN_RISE_M = 0.4  # Between two rings on the ground is a jump of depth, too, but no edge
 Direction = Literal["upright", "level"]  # Of edges
+MAX_POINTS, MAX_ECHOES = 400_000, 20_000
+"""So many points of a LiDAR and echoes of a radar are drawn and judged at most; of more, every n-th."""
 
 
 def depth_edges(xyz: Array) -> Array:
@@ -41,11 +45,22 @@ def depth_edges(xyz: Array) -> Array:
         return np.zeros(0, np.int64)
     p, distance = p[rows], distance[rows]
     angles = np.stack([np.arctan2(p[:, 1], p[:, 0]), np.arcsin(np.clip(p[:, 2] / distance, -1, 1))], axis=1)
+    if len(few := _first_of_each(angles)) < len(rows):
+        rows, distance, angles = rows[few], distance[few], angles[few]
     scaled = angles / (_spread_rad(angles), _SPREAD_RAD[1])
     _, near = cKDTree(scaled).query(scaled, k=_NEIGHBORS + 1, distance_upper_bound=1.0)
     far = np.append(distance, 0.0)[near].max(axis=1)  # the last row stands for no neighbor
     is_edge = (far - distance > np.maximum(1.0, _MIN_STEP * distance)) & (distance < _MAX_RANGE_M)
     return np.asarray(rows[is_edge], np.int64)
+
+
+def _first_of_each(angles: Float64) -> Int64:
+    """Rows of the first `_MAX_ALIKE` points of each direction (N, 2): trees of neighbors can't part equal ones."""
+    same = np.unique(np.ascontiguousarray(angles).view(np.complex128).ravel(), return_inverse=True)[1]
+    order = np.argsort(same, kind="stable")
+    first = np.flatnonzero(np.diff(same[order], prepend=-1))
+    rank = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
+    return np.sort(order[rank < _MAX_ALIKE]).astype(np.int64)
 
 
 def _spread_rad(angles: Float64) -> float:
@@ -194,6 +209,19 @@ class Sample:
         return None if message is None else (message.stamp_ns - self.frame.stamp_ns) / 1e6
 
 
+def thin(frame: Frame) -> tuple[Frame, dict[str, int]]:
+    """Return a frame with at most `MAX_POINTS` or `MAX_ECHOES` of each sensor, and every how many-th of its points are
+    left, by the sensors that had more.
+    """
+    messages, strides = dict(frame.messages), dict[str, int]()
+    for name, message in frame.messages.items():
+        if isinstance(message, PointCloud | RadarScan):
+            stride = -(-len(message.xyz) // (MAX_POINTS if isinstance(message, PointCloud) else MAX_ECHOES))
+            if stride > 1:
+                messages[name], strides[name] = take_points(message, np.arange(0, len(message.xyz), stride)), stride
+    return (replace(frame, messages=messages) if strides else frame), strides
+
+
 @dataclass(frozen=True)
 class Instant:
     """The stamps of what is in one frame."""
@@ -224,3 +252,5 @@ class Material:
     """In how many frames a sensor is missing, by its name and the reason."""
     periods_mps: Mapping[str, float] = field(default_factory=dict)
     """With what period radial velocities alias, by radar, where the log says so [m/s]."""
+    strides: Mapping[str, int] = field(default_factory=dict)
+    """Every how many-th point is looked at, by sensor with more than `MAX_POINTS` or `MAX_ECHOES`."""

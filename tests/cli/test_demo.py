@@ -3,6 +3,7 @@
 import json
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from fbench.datasets.city.spec import CitySpec, condition
 from fbench.datasets.importing.run import claim
 from fbench.replay.runs.folder import Run
 
-MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "report.html", "results.md"}
+MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "report.html", "latency.md"}
 
 
 @pytest.fixture(autouse=True)
@@ -156,6 +157,28 @@ def test_experiment_is_repeated_in_no_time_and_equal_for_any_number_of_workers(f
     assert fog["published"] == -0.2234
     assert Run(Path("one/highway-clear-1/lidar3d")).media
     assert not Run(Path("one/highway-fog-1/lidar3d")).media
+
+
+@pytest.mark.slow
+def test_results_of_an_interrupted_experiment_are_those_of_another(fbench, monkeypatch):
+    @contextmanager
+    def interrupt_after_one(what):
+        def progress(done, total):
+            if done == 1:
+                raise KeyboardInterrupt
+
+        yield progress
+
+    assert run_experiment(small(Path("one"), "lidar3d", "radar3d"), 1) == 0
+    with monkeypatch.context() as patch:
+        patch.setattr("fbench.cli.demo.replay_progress", interrupt_after_one)
+        with pytest.raises(KeyboardInterrupt):
+            run_experiment(small(Path("two"), "lidar3d", "radar3d"), 1)
+    assert not Path("two/results.md").exists()
+    assert list(Path("two").glob("*/*/manifest.json"))
+    assert run_experiment(small(Path("two"), "lidar3d", "radar3d"), 1) == 0
+    assert Path("two/results.md").read_bytes() == Path("one/results.md").read_bytes()
+    assert files(Path("two")) == files(Path("one"))
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from tests.reports.conftest import Page, Plan
 
 from fbench.replay.data.scores import Column, Figure, Line, Results, ResultTable
 from fbench.reports.html import HtmlReport
-from fbench.reports.markdown import markdown
+from fbench.reports.markdown import markdown, measured_markdown
 
 TABLE = ResultTable(
     "accuracy", "Accuracy, %", (Column("F1"), Column("fog", "change")),
@@ -49,7 +49,19 @@ def test_markdown():
     assert text.endswith("- failed: &lt;b>\n")
 
 
-def test_markdown_keeps_names_from_data_on_their_line_and_fetches_nothing_for_them():
+def test_markdown_keeps_measured_tables_apart():
+    times = ResultTable(
+        "latency", "Latency by stage, ms", (Column("total", "ms"),), (Line("mine", "", (Figure(4.0),)),)
+    )
+    results = replace(RESULTS, measured=(times,))
+    assert markdown(results) == markdown(RESULTS)
+    text = measured_markdown(results)
+    assert text.startswith("# The city: times\n\n## Latency by stage, ms\n")
+    assert "| mine |" in text
+    assert "4.00" in text
+
+
+def test_markdown_keeps_names_names_from_data_on_their_line_and_fetches_nothing_for_them():
     line = replace(TABLE.lines[0], name="a\n# b|c![](http://x/y.png)\\[")
     text = markdown(replace(RESULTS, tables=(replace(TABLE, lines=(line,)),)))
     assert r"| a # b\|c!\[](http://x/y.png)\\\[ | image |" in text

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from fbench.replay.contracts.errors import DecodeError, PointsError
-from fbench.replay.data.arrays import Array, Float32, Float64
+from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.messages import PointCloud, RadarScan
 from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
@@ -149,9 +149,13 @@ def only_finite(cloud: C) -> C:
     """Return a cloud without the points of which a coordinate isn't finite."""
     if np.isfinite(cloud.xyz).all():
         return cloud
-    good = np.isfinite(cloud.xyz).all(axis=1)
+    return take_points(cloud, np.isfinite(cloud.xyz).all(axis=1))
+
+
+def take_points(cloud: C, rows: Bool | Int64) -> C:
+    """Return a cloud of some of its points, by mask or index."""
     arrays = ((f.name, v) for f in fields(cloud) if isinstance(v := getattr(cloud, f.name), np.ndarray))
-    points: dict[str, Any] = {name: array[good] for name, array in arrays}
+    points: dict[str, Any] = {name: array[rows] for name, array in arrays}
     return replace(cloud, **points)
 
 
