@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
@@ -216,6 +217,7 @@ def replay(
         host = {**describe_host(), "rate": request.rate, "wall_s": round(time.monotonic() - start, 3)}
         pace = clock.pace
         known = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
+        host |= {"isolated": True} if request.isolate else {}
         host |= {name: round(value, 3) for name, value in known.items() if value is not None}
         replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
         if not request.redact:
@@ -223,7 +225,7 @@ def replay(
                 keep_stderr(pipeline, folder)
         score_folder(folder, request.scoring)
 
-    with open_pipeline(request.pipeline, options.settings) as (pipeline, parameters), explain_losses(faults):
+    with open_requested(request, options.settings) as (pipeline, parameters), explain_losses(faults):
         plan = replace(
             make_plan(options, pipeline, name, parameters),
             variant=entry,
@@ -244,6 +246,19 @@ def replay(
     if request.report:
         load("reports", "html")().write([run], folder / "report.html")
     return OpenRun(run)
+
+
+def open_requested(
+    request: ReplayRequest, settings: list[str]
+) -> AbstractContextManager[tuple[Pipeline, dict[str, object]]]:
+    """Return the context of a request's pipeline with its parameters, in a process of its own where that is requested;
+    the program of `exec` has one anyway.
+    """
+    if not request.isolate or parse_name(request.pipeline).plugin == "exec":
+        return open_pipeline(request.pipeline, settings)
+    from fbench.pipelines.external.isolated import open_isolated
+
+    return open_isolated(request.pipeline, settings, request.frame_timeout_s)
 
 
 def make_plan(options: ReplayOptions, pipeline: Pipeline, name: str, parameters: Mapping[str, Any]) -> Plan:

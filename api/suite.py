@@ -139,10 +139,10 @@ class Contents:
 
     def of(self, cell: ReplayRequest) -> Content | None:
         """Return all that decides a cell's run, JSON-ready; `None` where nobody can tell: a pipeline that is a program
-        may give something else each time. Raises FbenchError where log, pipeline or parameters can't be used.
+        may give something else each time, and a plug-in that is isolated isn't imported here. Raises FbenchError where
+        log, pipeline or parameters can't be used.
         """
-        cls = pipeline_class(cell.pipeline)
-        if isinstance(cls, KeepsStderr):
+        if cell.isolate or isinstance(cls := pipeline_class(cell.pipeline), KeepsStderr):
             return None
         source = log_source(cell.log)
         truth = source.truth_entry()

@@ -14,12 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from fbench.api.cells import own_stdout
-from fbench.api.runs import make_plan
+from fbench.api.runs import make_plan, open_requested
 from fbench.api.scores import score_folder
 from fbench.replay.check.difference import TASK, WATCH, VerifyTask, WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import give_log, open_pipeline
+from fbench.replay.contracts.plugins import give_log
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import replay
@@ -48,7 +48,7 @@ def run(task: VerifyTask) -> None:
         locale.setlocale(locale.LC_ALL, "")
     request, options, faults = task.request, task.request.resolve(), FaultLog()
     with (
-        open_pipeline(request.pipeline, options.settings) as (pipeline, parameters),
+        open_requested(request, options.settings) as (pipeline, parameters),
         _open_source(task, options.log) as log,
         open_ahead(log.open, faults, options.read_ahead) as ahead,
     ):

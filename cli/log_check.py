@@ -41,23 +41,28 @@ def check(
         list[str] | None, Option(metavar="CODE", help="Report findings of this code as information only; repeatable.")
     ] = None,
     images: Annotated[bool, Option("--images", help="Decode whole images, not only their headers.")] = False,
+    isolate: options.Isolate = False,
+    frame_timeout_s: options.FrameTimeoutS = 10.0,
     json: options.Json = False,
 ) -> None:
     """Read a whole log and report what is wrong: exit 0 clean, 1 findings, 3 unreadable."""
     from contextlib import nullcontext, redirect_stdout
 
-    from fbench.api.runs import short_name
+    from fbench.api.runs import open_requested, short_name
     from fbench.replay.check.findings import require_codes
     from fbench.replay.check.log_check import CheckOptions, check_log
     from fbench.replay.contracts.faults import FaultLog, explain_losses
-    from fbench.replay.contracts.plugins import give_log, open_pipeline
+    from fbench.replay.contracts.plugins import give_log
     from fbench.replay.contracts.sensor_settings import make_sensors
     from fbench.replay.contracts.variants import sensors_of
+    from fbench.replay.setup.request import ReplayRequest
     from fbench.replay.setup.source import LogRequest, log_source
 
     require_codes(ignore or ())
     boxes = options.box_source(truth, truth_format, truth_frame)
-    source = log_source(LogRequest(log, config, rig or (), boxes, topics=topics or (), decoder=decoder or ()))
+    what = LogRequest(log, config, rig or (), boxes, topics=topics or (), decoder=decoder or ())
+    source, settings = log_source(what), list(settings or ())
+    request = ReplayRequest(what, pipeline or "", isolate=isolate, frame_timeout_s=frame_timeout_s)
     patterns = make_sensors(sensors or ())
     sync = source.sync_params(reference, timeout_ms, tolerance_ms, max_gap_s)
     stamp_params = source.stamps(stamps, offset or ())
@@ -66,7 +71,7 @@ def check(
     # What a plug-in prints must not get between the lines of --json.
     with (
         redirect_stdout(sys.stderr),
-        open_pipeline(pipeline, list(settings or ())) if pipeline else nullcontext() as opened,
+        open_requested(request, settings) if pipeline else nullcontext() as opened,
         explain_losses(faults),
     ):
         reader = source.open(faults)

@@ -99,6 +99,12 @@ PipelineOrFile = Annotated[
         help="A name (see fbench plugins), FILE.py:CLASS, FILE.toml, recorded:TOPIC or 'exec:COMMAND'.",
     ),
 ]  # fmt: skip
+Isolate = Annotated[
+    bool, Option("--isolate", help="Run the pipeline in a process of its own, so that a crash costs only a frame.")
+]
+FrameTimeoutS = Annotated[
+    float, Option(metavar="S", min=0.001, help="With --isolate: a frame that takes longer fails, in s.")
+]
 DetectEvery = Annotated[
     int | None,
     Option(metavar="N", min=1, help="Run detection on every N-th frame only, and predict tracks in between."),

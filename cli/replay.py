@@ -59,6 +59,8 @@ def replay(
     no_media: options.NoMedia = False,
     redact: options.Redact = False,
     report: Annotated[bool, Option("--report", help="Also write report.html into the run folder.")] = False,
+    isolate: options.Isolate = False,
+    frame_timeout_s: options.FrameTimeoutS = 10.0,
     json: options.Json = False,
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
@@ -100,6 +102,8 @@ def replay(
         no_media=no_media,
         redact=redact,
         report=report,
+        isolate=isolate,
+        frame_timeout_s=frame_timeout_s,
     )
     debug, failed = bool(context.find_root().params["debug"]), list[BaseException]()
 

@@ -73,6 +73,7 @@ class Request(_message.Message):
     HELLO_FIELD_NUMBER: _builtins.int
     RESET_FIELD_NUMBER: _builtins.int
     FRAME_FIELD_NUMBER: _builtins.int
+    QUESTION_FIELD_NUMBER: _builtins.int
     sequence: _builtins.int
     """counts requests; the Response must bear the same"""
     @_builtins.property
@@ -81,6 +82,8 @@ class Request(_message.Message):
     def reset(self) -> Global___Reset: ...
     @_builtins.property
     def frame(self) -> Global___Frame: ...
+    @_builtins.property
+    def question(self) -> Global___Question: ...
     def __init__(
         self,
         *,
@@ -88,16 +91,38 @@ class Request(_message.Message):
         hello: Global___Hello | None = ...,
         reset: Global___Reset | None = ...,
         frame: Global___Frame | None = ...,
+        question: Global___Question | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["frame", b"frame", "hello", b"hello", "kind", b"kind", "reset", b"reset"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["frame", b"frame", "hello", b"hello", "kind", b"kind", "question", b"question", "reset", b"reset"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["frame", b"frame", "hello", b"hello", "kind", b"kind", "reset", b"reset", "sequence", b"sequence"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["frame", b"frame", "hello", b"hello", "kind", b"kind", "question", b"question", "reset", b"reset", "sequence", b"sequence"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_kind: _TypeAlias = _typing.Literal["hello", "reset", "frame"]  # noqa: Y015
+    _WhichOneofReturnType_kind: _TypeAlias = _typing.Literal["hello", "reset", "frame", "question"]  # noqa: Y015
     _WhichOneofArgType_kind: _TypeAlias = _typing.Literal["kind", b"kind"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_kind) -> _WhichOneofReturnType_kind | None: ...
 
 Global___Request: _TypeAlias = Request  # noqa: Y015
+
+@_typing.final
+class Question(_message.Message):
+    """Asked only of Python plug-ins that fbench itself runs in a process of their own (`--isolate`)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["name", b"name"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Question: _TypeAlias = Question  # noqa: Y015
 
 @_typing.final
 class Hello(_message.Message):
@@ -172,7 +197,7 @@ class Sensor(_message.Message):
     kind: Global___SensorKind.ValueType
     @_builtins.property
     def translation_m(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
-        """body_T_sensor: the sensor's pose in body coordinates.
+        """body_T_sensor: the sensor's pose in body coordinates. NaN where the log doesn't tell that of a camera.
         3: x, y, z
         """
 
@@ -339,11 +364,14 @@ class Message(_message.Message):
     POINTS_FIELD_NUMBER: _builtins.int
     RADAR_FIELD_NUMBER: _builtins.int
     POSE_FIELD_NUMBER: _builtins.int
+    FRAME_NUMBER_FIELD_NUMBER: _builtins.int
     sensor: _builtins.str
     stamp_ns: _builtins.int
     """when it was measured"""
     log_ns: _builtins.int
     """when it was recorded, that is arrived"""
+    frame_number: _builtins.int
+    """the recorder's number of the instant that it belongs to, where it gave one"""
     @_builtins.property
     def image(self) -> Global___Image: ...
     @_builtins.property
@@ -362,13 +390,19 @@ class Message(_message.Message):
         points: Global___PointCloud | None = ...,
         radar: Global___RadarScan | None = ...,
         pose: Global___Pose | None = ...,
+        frame_number: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["content", b"content", "image", b"image", "points", b"points", "pose", b"pose", "radar", b"radar"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_frame_number", b"_frame_number", "content", b"content", "frame_number", b"frame_number", "image", b"image", "points", b"points", "pose", b"pose", "radar", b"radar"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["content", b"content", "image", b"image", "log_ns", b"log_ns", "points", b"points", "pose", b"pose", "radar", b"radar", "sensor", b"sensor", "stamp_ns", b"stamp_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_frame_number", b"_frame_number", "content", b"content", "frame_number", b"frame_number", "image", b"image", "log_ns", b"log_ns", "points", b"points", "pose", b"pose", "radar", b"radar", "sensor", b"sensor", "stamp_ns", b"stamp_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__frame_number: _TypeAlias = _typing.Literal["frame_number"]  # noqa: Y015
+    _WhichOneofArgType__frame_number: _TypeAlias = _typing.Literal["_frame_number", b"_frame_number"]  # noqa: Y015
     _WhichOneofReturnType_content: _TypeAlias = _typing.Literal["image", "points", "radar", "pose"]  # noqa: Y015
     _WhichOneofArgType_content: _TypeAlias = _typing.Literal["content", b"content"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__frame_number) -> _WhichOneofReturnType__frame_number | None: ...
+    @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType_content) -> _WhichOneofReturnType_content | None: ...
 
 Global___Message: _TypeAlias = Message  # noqa: Y015
@@ -552,16 +586,25 @@ class Response(_message.Message):
     DONE_FIELD_NUMBER: _builtins.int
     OUTPUT_FIELD_NUMBER: _builtins.int
     ERROR_FIELD_NUMBER: _builtins.int
+    ANSWER_FIELD_NUMBER: _builtins.int
+    ERROR_TYPE_FIELD_NUMBER: _builtins.int
+    ERROR_CODE_FIELD_NUMBER: _builtins.int
     sequence: _builtins.int
     """of the Request that it answers"""
     error: _builtins.str
     """why this can't be done, in one line"""
+    error_type: _builtins.str
+    """of a Python plug-in: the class of fbench's errors, empty for any other"""
+    error_code: _builtins.str
+    """and its row of the fault table"""
     @_builtins.property
     def ready(self) -> Global___Ready: ...
     @_builtins.property
     def done(self) -> Global___Done: ...
     @_builtins.property
     def output(self) -> Global___Output: ...
+    @_builtins.property
+    def answer(self) -> Global___Answer: ...
     def __init__(
         self,
         *,
@@ -570,16 +613,40 @@ class Response(_message.Message):
         done: Global___Done | None = ...,
         output: Global___Output | None = ...,
         error: _builtins.str = ...,
+        answer: Global___Answer | None = ...,
+        error_type: _builtins.str = ...,
+        error_code: _builtins.str = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["done", b"done", "error", b"error", "kind", b"kind", "output", b"output", "ready", b"ready"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["answer", b"answer", "done", b"done", "error", b"error", "kind", b"kind", "output", b"output", "ready", b"ready"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["done", b"done", "error", b"error", "kind", b"kind", "output", b"output", "ready", b"ready", "sequence", b"sequence"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["answer", b"answer", "done", b"done", "error", b"error", "error_code", b"error_code", "error_type", b"error_type", "kind", b"kind", "output", b"output", "ready", b"ready", "sequence", b"sequence"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_kind: _TypeAlias = _typing.Literal["ready", "done", "output", "error"]  # noqa: Y015
+    _WhichOneofReturnType_kind: _TypeAlias = _typing.Literal["ready", "done", "output", "error", "answer"]  # noqa: Y015
     _WhichOneofArgType_kind: _TypeAlias = _typing.Literal["kind", b"kind"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_kind) -> _WhichOneofReturnType_kind | None: ...
 
 Global___Response: _TypeAlias = Response  # noqa: Y015
+
+@_typing.final
+class Answer(_message.Message):
+    """To a Question."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    JSON_FIELD_NUMBER: _builtins.int
+    json: _builtins.str
+    def __init__(
+        self,
+        *,
+        json: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["json", b"json"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Answer: _TypeAlias = Answer  # noqa: Y015
 
 @_typing.final
 class Ready(_message.Message):
@@ -650,6 +717,10 @@ class Output(_message.Message):
     IN_2D_FIELD_NUMBER: _builtins.int
     STAGES_FIELD_NUMBER: _builtins.int
     MISSING_FIELD_NUMBER: _builtins.int
+    FAULTS_FIELD_NUMBER: _builtins.int
+    LOG_CLOCK_FIELD_NUMBER: _builtins.int
+    log_clock: _builtins.bool
+    """the stages' times are log times: what was computed elsewhere is passed on"""
     @_builtins.property
     def in_3d(self) -> Global___Results3D: ...
     @_builtins.property
@@ -662,6 +733,10 @@ class Output(_message.Message):
     def missing(self) -> _containers.ScalarMap[_builtins.str, _builtins.str]:
         """sensors that the program could have used but couldn't: why"""
 
+    @_builtins.property
+    def faults(self) -> _containers.RepeatedCompositeFieldContainer[Global___Fault]:
+        """what was wrong with the data of this frame"""
+
     def __init__(
         self,
         *,
@@ -669,10 +744,12 @@ class Output(_message.Message):
         in_2d: Global___Results2D | None = ...,
         stages: _abc.Iterable[Global___Stage] | None = ...,
         missing: _abc.Mapping[_builtins.str, _builtins.str] | None = ...,
+        faults: _abc.Iterable[Global___Fault] | None = ...,
+        log_clock: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["boxes", b"boxes", "in_2d", b"in_2d", "in_3d", b"in_3d"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["boxes", b"boxes", "in_2d", b"in_2d", "in_3d", b"in_3d", "missing", b"missing", "stages", b"stages"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["boxes", b"boxes", "faults", b"faults", "in_2d", b"in_2d", "in_3d", b"in_3d", "log_clock", b"log_clock", "missing", b"missing", "stages", b"stages"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_boxes: _TypeAlias = _typing.Literal["in_3d", "in_2d"]  # noqa: Y015
     _WhichOneofArgType_boxes: _TypeAlias = _typing.Literal["boxes", b"boxes"]  # noqa: Y015
@@ -681,7 +758,33 @@ class Output(_message.Message):
 Global___Output: _TypeAlias = Output  # noqa: Y015
 
 @_typing.final
+class Fault(_message.Message):
+    """A code of fbench's table of faults, and where."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CODE_FIELD_NUMBER: _builtins.int
+    WHERE_FIELD_NUMBER: _builtins.int
+    code: _builtins.str
+    where: _builtins.str
+    def __init__(
+        self,
+        *,
+        code: _builtins.str = ...,
+        where: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["code", b"code", "where", b"where"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Fault: _TypeAlias = Fault  # noqa: Y015
+
+@_typing.final
 class Results3D(_message.Message):
+    """Tracks are set by programs that track, empty where they follow nothing. A program that only detects leaves them unset."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     DETECTIONS_FIELD_NUMBER: _builtins.int
@@ -706,6 +809,8 @@ Global___Results3D: _TypeAlias = Results3D  # noqa: Y015
 
 @_typing.final
 class Results2D(_message.Message):
+    """As in 3D."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     DETECTIONS_FIELD_NUMBER: _builtins.int
@@ -771,6 +876,15 @@ class Boxes3D(_message.Message):
     TRACK_ID_FIELD_NUMBER: _builtins.int
     SOURCES_FIELD_NUMBER: _builtins.int
     PREDICTED_FIELD_NUMBER: _builtins.int
+    VISIBILITY_FIELD_NUMBER: _builtins.int
+    OCCLUSION_FIELD_NUMBER: _builtins.int
+    TRUNCATION_FIELD_NUMBER: _builtins.int
+    ATTRIBUTE_FIELD_NUMBER: _builtins.int
+    NUM_LIDAR_PTS_FIELD_NUMBER: _builtins.int
+    NUM_RADAR_PTS_FIELD_NUMBER: _builtins.int
+    IGNORE_FIELD_NUMBER: _builtins.int
+    SOURCE_LABEL_FIELD_NUMBER: _builtins.int
+    COLUMNS_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def center_m(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """(N, 3), the middle of the box"""
@@ -815,6 +929,42 @@ class Boxes3D(_message.Message):
     def predicted(self) -> _containers.RepeatedScalarFieldContainer[_builtins.bool]:
         """(N) a tracker predicted the box and nothing measured it"""
 
+    @_builtins.property
+    def visibility(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """(N) visible share, 0 to 1"""
+
+    @_builtins.property
+    def occlusion(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """(N)"""
+
+    @_builtins.property
+    def truncation(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """(N)"""
+
+    @_builtins.property
+    def attribute(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """(N)"""
+
+    @_builtins.property
+    def num_lidar_pts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """(N)"""
+
+    @_builtins.property
+    def num_radar_pts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """(N)"""
+
+    @_builtins.property
+    def ignore(self) -> _containers.RepeatedScalarFieldContainer[_builtins.bool]:
+        """(N)"""
+
+    @_builtins.property
+    def source_label(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """(N)"""
+
+    @_builtins.property
+    def columns(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """without boxes: names of fields that would be given"""
+
     def __init__(
         self,
         *,
@@ -829,10 +979,19 @@ class Boxes3D(_message.Message):
         track_id: _abc.Iterable[_builtins.int] | None = ...,
         sources: _abc.Iterable[_builtins.int] | None = ...,
         predicted: _abc.Iterable[_builtins.bool] | None = ...,
+        visibility: _abc.Iterable[_builtins.float] | None = ...,
+        occlusion: _abc.Iterable[_builtins.float] | None = ...,
+        truncation: _abc.Iterable[_builtins.float] | None = ...,
+        attribute: _abc.Iterable[_builtins.str] | None = ...,
+        num_lidar_pts: _abc.Iterable[_builtins.int] | None = ...,
+        num_radar_pts: _abc.Iterable[_builtins.int] | None = ...,
+        ignore: _abc.Iterable[_builtins.bool] | None = ...,
+        source_label: _abc.Iterable[_builtins.str] | None = ...,
+        columns: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["center_m", b"center_m", "label", b"label", "pitch_rad", b"pitch_rad", "predicted", b"predicted", "roll_rad", b"roll_rad", "score", b"score", "size_lwh_m", b"size_lwh_m", "sources", b"sources", "track_id", b"track_id", "velocity_mps", b"velocity_mps", "yaw_rad", b"yaw_rad"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["attribute", b"attribute", "center_m", b"center_m", "columns", b"columns", "ignore", b"ignore", "label", b"label", "num_lidar_pts", b"num_lidar_pts", "num_radar_pts", b"num_radar_pts", "occlusion", b"occlusion", "pitch_rad", b"pitch_rad", "predicted", b"predicted", "roll_rad", b"roll_rad", "score", b"score", "size_lwh_m", b"size_lwh_m", "source_label", b"source_label", "sources", b"sources", "track_id", b"track_id", "truncation", b"truncation", "velocity_mps", b"velocity_mps", "visibility", b"visibility", "yaw_rad", b"yaw_rad"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -854,6 +1013,15 @@ class Boxes2D(_message.Message):
     RANGE_RATE_MPS_FIELD_NUMBER: _builtins.int
     SOURCES_FIELD_NUMBER: _builtins.int
     PREDICTED_FIELD_NUMBER: _builtins.int
+    VISIBILITY_FIELD_NUMBER: _builtins.int
+    OCCLUSION_FIELD_NUMBER: _builtins.int
+    TRUNCATION_FIELD_NUMBER: _builtins.int
+    ATTRIBUTE_FIELD_NUMBER: _builtins.int
+    NUM_LIDAR_PTS_FIELD_NUMBER: _builtins.int
+    NUM_RADAR_PTS_FIELD_NUMBER: _builtins.int
+    IGNORE_FIELD_NUMBER: _builtins.int
+    SOURCE_LABEL_FIELD_NUMBER: _builtins.int
+    COLUMNS_FIELD_NUMBER: _builtins.int
     @_builtins.property
     def camera(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """(N) name of the camera"""
@@ -894,6 +1062,42 @@ class Boxes2D(_message.Message):
     def predicted(self) -> _containers.RepeatedScalarFieldContainer[_builtins.bool]:
         """(N)"""
 
+    @_builtins.property
+    def visibility(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """(N) visible share, 0 to 1"""
+
+    @_builtins.property
+    def occlusion(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """(N)"""
+
+    @_builtins.property
+    def truncation(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """(N)"""
+
+    @_builtins.property
+    def attribute(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """(N)"""
+
+    @_builtins.property
+    def num_lidar_pts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """(N)"""
+
+    @_builtins.property
+    def num_radar_pts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """(N)"""
+
+    @_builtins.property
+    def ignore(self) -> _containers.RepeatedScalarFieldContainer[_builtins.bool]:
+        """(N)"""
+
+    @_builtins.property
+    def source_label(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """(N)"""
+
+    @_builtins.property
+    def columns(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """without boxes: names of fields that would be given"""
+
     def __init__(
         self,
         *,
@@ -907,10 +1111,19 @@ class Boxes2D(_message.Message):
         range_rate_mps: _abc.Iterable[_builtins.float] | None = ...,
         sources: _abc.Iterable[_builtins.int] | None = ...,
         predicted: _abc.Iterable[_builtins.bool] | None = ...,
+        visibility: _abc.Iterable[_builtins.float] | None = ...,
+        occlusion: _abc.Iterable[_builtins.float] | None = ...,
+        truncation: _abc.Iterable[_builtins.float] | None = ...,
+        attribute: _abc.Iterable[_builtins.str] | None = ...,
+        num_lidar_pts: _abc.Iterable[_builtins.int] | None = ...,
+        num_radar_pts: _abc.Iterable[_builtins.int] | None = ...,
+        ignore: _abc.Iterable[_builtins.bool] | None = ...,
+        source_label: _abc.Iterable[_builtins.str] | None = ...,
+        columns: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "distance_m", b"distance_m", "label", b"label", "predicted", b"predicted", "range_rate_mps", b"range_rate_mps", "score", b"score", "sources", b"sources", "track_id", b"track_id", "visible_xyxy_px", b"visible_xyxy_px", "xyxy_px", b"xyxy_px"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["attribute", b"attribute", "camera", b"camera", "columns", b"columns", "distance_m", b"distance_m", "ignore", b"ignore", "label", b"label", "num_lidar_pts", b"num_lidar_pts", "num_radar_pts", b"num_radar_pts", "occlusion", b"occlusion", "predicted", b"predicted", "range_rate_mps", b"range_rate_mps", "score", b"score", "source_label", b"source_label", "sources", b"sources", "track_id", b"track_id", "truncation", b"truncation", "visibility", b"visibility", "visible_xyxy_px", b"visible_xyxy_px", "xyxy_px", b"xyxy_px"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

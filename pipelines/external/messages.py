@@ -10,40 +10,41 @@ from google.protobuf.message import DecodeError as ProtobufError
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.replay.contracts.errors import DataError
-from fbench.replay.data.arrays import Array, text_array
+from fbench.replay.data.arrays import MAX_TEXT, Array, text_array
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.frames import Fault, Frame, Output
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
-from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.data.rig import Kind, LogInfo, Mount, Rig
 
 VERSION = 1  # Of the protocol
-_KINDS = {"camera": schema.SENSOR_KIND_CAMERA, "lidar": schema.SENSOR_KIND_LIDAR, "radar": schema.SENSOR_KIND_RADAR}
+KINDS: Mapping[Kind, schema.SensorKind.ValueType] = {
+    "camera": schema.SENSOR_KIND_CAMERA, "lidar": schema.SENSOR_KIND_LIDAR, "radar": schema.SENSOR_KIND_RADAR,
+}  # fmt: skip
+_NOWHERE = Mount("camera", np.full(3, np.nan), np.array([0.0, 0, 0, 1]))  # Of a camera whose place nobody knows
 Pieces = list[bytes | memoryview]  # Parts of one serialised message, in order
 
 
 def hello(rig: Rig, info: LogInfo) -> schema.Hello:
     """Introduce a log and its rig."""
     sensors = []
-    for name, mount in sorted(rig.mounts.items()):
+    for name in sorted({*rig.mounts, *rig.bare}):
+        mount = rig.mounts.get(name, _NOWHERE)
         place = {"translation_m": mount.translation_m.tolist(), "rotation_xyzw": mount.rotation_xyzw.tolist()}
-        sensor = schema.Sensor(name=name, kind=_KINDS[mount.kind], **place)
+        sensor = schema.Sensor(name=name, kind=KINDS[mount.kind], **place)
         if (camera := rig.cameras.get(name)) is not None:
             sensor.camera.k[:] = camera.K.ravel().tolist()
             sensor.camera.width_px, sensor.camera.height_px = camera.size_wh
             sensor.camera.distortion_model = camera.distortion_model
             sensor.camera.distortion[:] = camera.distortion.tolist()
         sensors.append(sensor)
-    for name in sorted(rig.bare):  # whose place nobody knows
-        place = {"translation_m": [np.nan] * 3, "rotation_xyzw": [0.0, 0.0, 0.0, 1.0]}
-        sensors.append(schema.Sensor(name=name, kind=_KINDS["camera"], **place))
     metadata = dict(info.metadata)
     return schema.Hello(version=VERSION, log_name=info.name, log_id=info.log_id, metadata=metadata, sensors=sensors)
 
 
-def small_request(sequence: int, hello: schema.Hello | None = None, reset: schema.Reset | None = None) -> Pieces:
+def small_request(sequence: int, **kind: schema.Hello | schema.Reset | schema.Question) -> Pieces:
     """Return a request without bulk data."""
-    return [schema.Request(sequence=sequence, hello=hello, reset=reset).SerializeToString()]
+    return [schema.Request(sequence=sequence, **kind).SerializeToString()]  # type: ignore[arg-type]  # by its name
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,8 @@ def frame_request(sequence: int, frame: Frame) -> Pieces:
     pieces: Pieces = [head.SerializeToString()]
     for _, message in sorted(frame.messages.items()):
         small = schema.Message(sensor=message.sensor, stamp_ns=message.stamp_ns, log_ns=message.log_ns)
+        if message.frame_number is not None:
+            small.frame_number = message.frame_number
         number, content = _CONTENT[type(message)](message)
         one = [small.SerializeToString(), *_nest(number, content)]
         pieces += _nest(schema.Frame.MESSAGES_FIELD_NUMBER, one)
@@ -108,7 +111,7 @@ def _image(image: Image) -> tuple[int, Pieces]:
     return schema.Message.IMAGE_FIELD_NUMBER, [head.SerializeToString(), *data]
 
 
-_WIRE = {"ring": "<u2", "offset_ns": "<i4"}  # Numbers of the columns that aren't float32 in messages
+WIRE = {"ring": "<u2", "offset_ns": "<i4"}  # Numbers of the columns that aren't float32 in messages
 
 
 def _columns(points: PointCloud | RadarScan) -> tuple[int, Pieces]:
@@ -116,7 +119,7 @@ def _columns(points: PointCloud | RadarScan) -> tuple[int, Pieces]:
     for field in (schema.PointCloud if is_cloud else schema.RadarScan).DESCRIPTOR.fields:
         if (array := getattr(points, field.name)) is not None:
             # Bytes without a copy, where they lie in memory as they are wanted.
-            data = np.ascontiguousarray(array, _WIRE.get(field.name, "<f4")).reshape(-1).view(np.uint8).data
+            data = np.ascontiguousarray(array, WIRE.get(field.name, "<f4")).reshape(-1).view(np.uint8).data
             pieces += _nest(field.number, [data])
     return schema.Message.POINTS_FIELD_NUMBER if is_cloud else schema.Message.RADAR_FIELD_NUMBER, pieces
 
@@ -149,13 +152,20 @@ def _varint(value: int) -> bytes:
 
 MAX_STAGES = 64  # Of a frame, and of a run
 _MAX_BOXES = 10_000  # Of a frame; each costs time when it is scored
-_MAX_MISSING = 256
+_MAX_FEW = 256  # Sensors that are missing, and faults
 _MAX_CHARS = 200
+_MAX_ALL_CHARS = 1 << 26  # Of a column, in which each text takes the room of the longest
 _MAX_STAGE_NS = 2**62
 _ALL_SOURCES = 15
-_SIZES = {"center_m": 3, "size_lwh_m": 3, "velocity_mps": 3, "xyxy_px": 4, "visible_xyxy_px": 4}  # Numbers a box
-_DTYPES = {"track_id": np.int64, "sources": np.uint8, "predicted": np.bool_}  # Of columns that aren't float64
+SIZES = {"center_m": 3, "size_lwh_m": 3, "velocity_mps": 3, "xyxy_px": 4, "visible_xyxy_px": 4}  # Numbers a box
 _REQUIRED = ("center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px")
+_TEXTS = ("camera", "label", "attribute", "source_label")
+_DTYPES = {
+    "track_id": np.int64, "num_lidar_pts": np.int64, "num_radar_pts": np.int64, "sources": np.uint8,
+    "predicted": np.bool_, "ignore": np.bool_,
+}  # fmt: skip
+"""Of columns that are neither texts nor float64."""
+COLUMNS = "columns"  # Field that names those that are there without boxes
 
 
 class ProtocolError(DataError):
@@ -176,10 +186,23 @@ def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
 
 
 def to_output(output: schema.Output) -> Output:
-    """Return what a program found. Raises DataError naming the field where boxes are incomplete or not finite."""
-    _require_short("missing", [*output.missing, *output.missing.values()], 2 * _MAX_MISSING)
+    """Return what a program found. Raises DataError naming the field where boxes are incomplete, too many or not
+    finite.
+    """
+    _require_short("missing", [*output.missing, *output.missing.values()], 2 * _MAX_FEW)
+    _require_short("faults", [text for fault in output.faults for text in (fault.code, fault.where)], 2 * _MAX_FEW)
     _require_short("stages", [stage.name for stage in output.stages], MAX_STAGES)
-    detections, tracks = (_read_boxes(name, output) for name in ("detections", "tracks"))
+    for stage in output.stages:
+        if stage.duration_ns > _MAX_STAGE_NS:
+            raise DataError(f"stages: '{stage.name}' took {stage.duration_ns} ns, which can't be")
+    for name in ("detections", "tracks"):
+        given = getattr(output.in_2d if output.HasField("in_2d") else output.in_3d, name)
+        if (num := len(given.camera if output.HasField("in_2d") else given.yaw_rad)) > _MAX_BOXES:
+            raise DataError(f"{name}: expected at most {_MAX_BOXES} boxes, got {num}")
+        if max(given.sources, default=0) > _ALL_SOURCES:
+            raise DataError(f"{name}.sources: expected sums of 1, 2, 4 and 8, got {max(given.sources)}")
+    found = read_output(output)
+    tracks = type(found.detections).empty() if found.tracks is None else found.tracks
     # An id names one object of a frame, and in images one of each camera.
     ids = [] if tracks.track_id is None else tracks.track_id.tolist()
     cameras = tracks.camera.tolist() if isinstance(tracks, Boxes2D) else [""] * len(ids)
@@ -187,43 +210,50 @@ def to_output(output: schema.Output) -> Output:
     twice = next((id_ for (_, id_), num in named.items() if num > 1), None)
     if twice is not None:
         raise DataError(f"tracks: id {twice} is there twice; an id names one object of a frame")
-    for name, boxes in (("detections", detections), ("tracks", tracks)):
+    for name, boxes in (("detections", found.detections), ("tracks", tracks)):
         sane, scored = finite(boxes)
         if not np.all(sane & scored):
             first = int(np.argmin(sane & scored))
             raise DataError(f"{name}: {'score' if sane[first] else 'geometry'} of box {first} isn't finite")
-    for stage in output.stages:
-        if stage.duration_ns > _MAX_STAGE_NS:
-            raise DataError(f"stages: '{stage.name}' took {stage.duration_ns} ns, which can't be")
-    stage_ns = {stage.name: stage.duration_ns for stage in output.stages}
-    found = output.in_2d if output.HasField("in_2d") else output.in_3d
-    given = tracks if found.HasField("tracks") else None
-    return Output(detections, given, stage_ns, missing=dict(sorted(output.missing.items())))
+    return found
 
 
-def _read_boxes(name: str, output: schema.Output) -> Boxes:
+def read_output(output: schema.Output) -> Output:
+    """Return what was found, as it was said. Raises DataError naming the field where boxes are incomplete."""
     kind = output.WhichOneof("boxes")
     if kind is None:
         raise DataError("gave an Output without in_3d or in_2d; set one, empty where nothing was found")
-    boxes = getattr(getattr(output, kind), name)
-    num = len(boxes.yaw_rad if kind == "in_3d" else boxes.camera)
-    if num > _MAX_BOXES:
-        raise DataError(f"{name}: expected at most {_MAX_BOXES} boxes, got {num}")
+    found = output.in_2d if kind == "in_2d" else output.in_3d
+    detections, tracks = (_read_boxes(name, getattr(found, name)) for name in ("detections", "tracks"))
+    return Output(
+        detections,
+        tracks if found.HasField("tracks") else None,
+        {stage.name: stage.duration_ns for stage in output.stages},
+        tuple(Fault(fault.code, fault.where) for fault in output.faults),
+        dict(sorted(output.missing.items())),
+        "log" if output.log_clock else "host",
+    )
+
+
+def _read_boxes(name: str, boxes: schema.Boxes2D | schema.Boxes3D) -> Boxes:
     columns = dict[str, Array]()
     for field in boxes.DESCRIPTOR.fields:
-        values, size = getattr(boxes, field.name), _SIZES.get(field.name)
+        values, size = getattr(boxes, field.name), SIZES.get(field.name)
         if size is not None and len(values) % size:
             raise DataError(f"{name}.{field.name}: expected {size} numbers a box, got {len(values)} in all")
-        if field.name == "sources" and max(values, default=0) > _ALL_SOURCES:
-            raise DataError(f"{name}.sources: expected sums of 1, 2, 4 and 8, got {max(values)}")
-        if not values and field.name not in _REQUIRED:
+        is_there = values or field.name in _REQUIRED or field.name in boxes.columns
+        if field.name == COLUMNS or not is_there:
             continue
-        if field.name in ("camera", "label"):
+        if field.name in _TEXTS:
+            if len(values) * min(MAX_TEXT, max(map(len, values), default=0)) > _MAX_ALL_CHARS:
+                raise DataError(f"{name}.{field.name}: {len(values)} texts are too long")
             columns[field.name] = text_array(list(values))
         else:
+            if field.name == "sources" and max(values, default=0) > np.iinfo(np.uint8).max:
+                raise DataError(f"{name}.sources: expected 8 bits, got {max(values)}")
             column: Array = np.array(values, _DTYPES.get(field.name, np.float64))
             columns[field.name] = column if size is None else column.reshape(-1, size)
-    return Boxes3D(**columns) if kind == "in_3d" else Boxes2D(**columns)
+    return Boxes3D(**columns) if isinstance(boxes, schema.Boxes3D) else Boxes2D(**columns)
 
 
 def _require_short(where: str, texts: Sequence[str], limit: int) -> None:

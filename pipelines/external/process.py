@@ -27,11 +27,13 @@ class Command:
 
     program: str  # Absolute path
     words: Sequence[str]  # As they were written, the program first
+    title: str = ""
+    is_own: bool = False  # Whether it is one of fbench's, which keeps to as many threads as fbench itself
 
     @property
     def name(self) -> str:
-        """The program's file name."""
-        return Path(self.program).name
+        """What it is called in messages: its title, else the program's file name."""
+        return self.title or Path(self.program).name
 
     @property
     def files(self) -> list[Path]:
@@ -135,7 +137,8 @@ class Process:
 
     def __init__(self, command: Command, stderr: KeptText, max_unread: int) -> None:
         pipe, self._mark = subprocess.PIPE, f"{os.getpid()}-{time.monotonic_ns()}"
-        environment = {k: v for k, v in os.environ.items() if k not in _OWN_VARIABLES} | {_MARK: self._mark}
+        left_out = () if command.is_own else _OWN_VARIABLES
+        environment = {k: v for k, v in os.environ.items() if k not in left_out} | {_MARK: self._mark}
         try:
             self._popen = subprocess.Popen(  # noqa: S603 - the user names the program, and no shell is involved
                 command.words, executable=command.program, stdin=pipe, stdout=pipe, stderr=pipe, bufsize=0,

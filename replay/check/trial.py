@@ -124,7 +124,8 @@ class Trial:
         if not (self._is_ready and isinstance(self._pipeline, NeedsSensors)):
             return None
         with guard(f"{self._name} can't say which sensors it needs"):
-            return frozenset(self._pipeline.required_sensors())
+            needed = self._pipeline.required_sensors()
+            return None if needed is None else frozenset(needed)
 
     def findings(self, stats: FrameStats | None, sync: SyncParams, short: Collection[str]) -> Iterator[Finding]:
         """What went wrong, and what the pipeline would miss, sensor by sensor; one that couldn't be tried counts. Those

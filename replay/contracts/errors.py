@@ -92,6 +92,10 @@ class MetricError(FbenchError):
     """Truth or results that can't be scored."""
 
 
+class ReportedError(Exception):
+    """What a plug-in raised in a process of its own, as the line that `one_line` made there."""
+
+
 class TerminatedError(BaseException):
     """SIGTERM came."""
 
@@ -102,6 +106,8 @@ INTERRUPTS = (KeyboardInterrupt, TerminatedError)
 
 def one_line(error: BaseException) -> str:
     """What a plug-in raised, with the place where it did."""
+    if isinstance(error, ReportedError):
+        return _clean(str(error))
     try:
         text = str(error)
     except INTERRUPTS:

@@ -4,14 +4,17 @@ import importlib.util
 import inspect
 import re
 import shlex
+import signal
 import sys
+import threading
 import typing
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, is_dataclass
 from importlib.metadata import EntryPoint, entry_points
 from itertools import takewhile
 from pathlib import Path
+from types import FrameType
 from typing import Any, Literal
 
 from fbench.replay.contracts.decoders import Decoder
@@ -179,8 +182,15 @@ def open_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, di
     can't be closed, unless another error came before.
     """
     pipeline, parameters = make_pipeline(name, settings)
-    try:
+    with close_at_end(pipeline, name):
         yield pipeline, parameters
+
+
+@contextmanager
+def close_at_end(pipeline: Pipeline, name: str) -> Iterator[None]:
+    """Close a pipeline at the end of a `with` block as `open_pipeline` does."""
+    try:
+        yield
     except BaseException:
         with suppress(FbenchError):  # what ended the replay says more
             _close(pipeline, name)
@@ -215,8 +225,31 @@ def give_log(pipeline: Pipeline, name: str, opened: Callable[[], BoxReader]) -> 
 
 def _close(pipeline: Pipeline, name: str) -> None:
     if isinstance(pipeline, Closes):
-        with guard(f"pipeline '{name}' can't be closed"):
+        is_program = isinstance(pipeline, KeepsStderr)  # which ends in time by itself
+        with guard(f"pipeline '{name}' can't be closed"), nullcontext() if is_program else _limit_time(CLOSE_TIMEOUT_S):
             pipeline.close()
+
+
+CLOSE_TIMEOUT_S = 10.0
+
+
+@contextmanager
+def _limit_time(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError in a block that takes longer. Only Python code in the main thread can be interrupted so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise TimeoutError(f"took longer than {seconds:g} s")
+
+    old = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds, 1.0)  # again each second, for code that goes on all the same
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, old or signal.SIG_DFL)
 
 
 def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, object]]:

@@ -156,8 +156,10 @@ class TakesArgument(Protocol):
 class NeedsSensors(Protocol):
     """A pipeline that says which sensors its results rest on: where hardly any frame has one of them, data was lost."""
 
-    def required_sensors(self) -> Collection[str]:
-        """Names of sensors of the rig that it was started with; asked when it has been started."""
+    def required_sensors(self) -> Collection[str] | None:
+        """Names of sensors of the rig that it was started with; asked when it has been started. `None`: it doesn't say,
+        as if there were no such method.
+        """
 
 
 @runtime_checkable
@@ -165,8 +167,8 @@ class Tracks(Protocol):
     """A pipeline that says whether it tracks. Of another one the outputs tell: see `Output.tracks`."""
 
     @property
-    def is_tracker(self) -> bool:
-        """Whether it tracks, also where it has followed nothing."""
+    def is_tracker(self) -> bool | None:
+        """Whether it tracks, also where it has followed nothing. `None`: the outputs tell."""
 
 
 @runtime_checkable

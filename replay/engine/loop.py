@@ -167,8 +167,8 @@ class _Loop:
         if self._num_tracks:
             return True
         with guard(f"pipeline '{self._plan.name}' can't say whether it tracks"):
-            if isinstance(self._plan.pipeline, Tracks):
-                return bool(self._plan.pipeline.is_tracker)
+            if isinstance(self._plan.pipeline, Tracks) and (says := self._plan.pipeline.is_tracker) is not None:
+                return bool(says)
         return self._says_tracks and not self._num_detections
 
     def _run_pipeline(self, frame: Frame) -> tuple[Output | None, str | None]:
@@ -259,7 +259,7 @@ class _Loop:
             return
         arrivals = self.stream.buffer.counts.arrivals
         with guard(f"pipeline '{self._plan.name}' can't say which sensors it needs"):
-            needed = sorted(set(pipeline.required_sensors()) & set(arrivals))
+            needed = sorted(set(pipeline.required_sensors() or ()) & set(arrivals))
         found: dict[str, Shortage] = {}
         for name in needed:
             reasons = [self._find_absence(name, records[row]) for row in self._lacking.get(name, [])]

@@ -87,6 +87,10 @@ class ReplayRequest:
     """Leave out of the run what tells whose log it is."""
     report: bool = False
     """Write `report.html` into the run folder, too."""
+    isolate: bool = False
+    """Run the pipeline, which is a Python plug-in, in a process of its own."""
+    frame_timeout_s: float = 10.0
+    """How long a plug-in in a process of its own may take for a frame; one that takes longer is started again."""
 
     @property
     def variant(self) -> Variant | None:
@@ -111,8 +115,10 @@ class ReplayRequest:
         ConfigError where an option isn't as expected. Raises LogError where a file beside the log can't be used.
         """
         source, sensors, settings = log_source(self.log), make_sensors(self.sensors), list(self.settings)
+        if not 0 < self.frame_timeout_s < float("inf"):
+            raise ConfigError(f"--frame-timeout-s {self.frame_timeout_s:g}: expected more than 0")
         if self.detect_every is not None:
-            if _DETECT_EVERY not in pipeline_parameters(self.pipeline, []):
+            if not self.isolate and _DETECT_EVERY not in pipeline_parameters(self.pipeline, []):
                 raise ConfigError(
                     f"--detect-every {self.detect_every}: pipeline '{self.pipeline}' has no parameter {_DETECT_EVERY}; "
                     "it decides itself when it detects"
