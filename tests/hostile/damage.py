@@ -1,4 +1,4 @@
-"""Damage and edits of valid content, each from a seed: bytes, numbers in place, tokens of a text, fields of protobuf."""
+"""Damage and edits of valid content, each from a seed: bytes, numbers, tokens of a text, fields of protobuf."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -16,8 +16,13 @@ FOREIGN = (
 TOKENS = (
     b"0", b"-1", b"1e308", b"-1e-320", b"1e999", b"nan", b"-inf", b"NaN", b"18446744073709551616", b"9" * 400, b"0x7",
     b"1_000", b"null", b"true", b'""', b'"\\ud800"', b'"../../etc"', b"[]", b"{}", b"[[[[[[]]]]]]", b"'", b"x" * 3000,
-    "\u202eé".encode(), b"2020-01-01", b"1e5", b"0.1.2", b" ", b"-0.0", b"4294967296", b"1970-01-01T00:00:00Z", b"", b"~",
+    "\u202eé".encode(), b"2020-01-01", b"1e5", b"0.1.2", b" ", b"-0.0", b"4294967296", b"", b"~",
 )  # fmt: skip
+NUMBERS = (
+    b"0", b"-1", b"1e308", b"-1e-320", b"1e999", b"nan", b"-inf", b"NaN", b"18446744073709551616", b"1e5", b"-0.0",
+    b"4294967296", b"2147483647", b"0.5", b"1e-9", b"9" * 400, b"null", b"7", b"true",
+)  # fmt: skip
+_NUMBER = re.compile(rb"(?<![\w.])-?\d+(\.\d+)?(e-?\d+)?(?![\w.])")
 _TOKEN = re.compile(rb"[\w.+-]+|\"[^\"\n]*\"|\S")
 EXTREMES = (
     0, 1, 2, 3, 127, 128, 255, 2**15, 2**16 - 1, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**32, 2**53, 2**63 - 1, 2**63,
@@ -66,15 +71,17 @@ def edit_number(content: bytes, random: Random) -> bytes:
 
 
 def edit_text(content: bytes, random: Random) -> bytes:
-    """Replace, delete, double or swap words, texts and signs, one to three times."""
-    data = content
+    """Replace, delete, double or swap words, texts and signs, one to three times; half the time numbers alone."""
+    data, numbers = content, random.random() < 0.5
     for _ in range(int(random.integers(1, 4))):
-        found = list(_TOKEN.finditer(data))
+        found = list((_NUMBER if numbers else _TOKEN).finditer(data))
         if not found:
             return data
         one, other = (found[int(i)] for i in random.integers(0, len(found), 2))
-        new = [TOKENS[int(random.integers(0, len(TOKENS)))], b"", one[0] * 2, other[0], one[0] + b" " + other[0]]
-        data = data[: one.start()] + new[int(random.choice(5, p=[0.6, 0.1, 0.1, 0.1, 0.1]))] + data[one.end() :]
+        odd = (NUMBERS if numbers else TOKENS)[int(random.integers(len(NUMBERS if numbers else TOKENS)))]
+        new = [odd, b"", one[0] * 2, other[0], one[0] + b" " + other[0]]
+        chosen = new[0] if numbers else new[int(random.choice(5, p=[0.6, 0.1, 0.1, 0.1, 0.1]))]
+        data = data[: one.start()] + chosen + data[one.end() :]
     return data
 
 

@@ -41,8 +41,13 @@ def read(path: Path, is_forged: bool = False) -> Found:
     faults = FaultLog()
     reader = open_log(path, faults)
     content: Counter[str] = Counter()
-    for entry in reader.container.entries(frozenset(reader.container.channels)):
-        data = bytes(entry.data) if isinstance(entry.data, memoryview) else b.canonical(entry.data)
+    container = reader.container
+    if container.rigs:  # one that has rigs of its own has rows in place of bytes
+        entries = reader.everything()
+    else:
+        entries = ((entry, None) for entry in container.entries(frozenset(container.channels)))
+    for entry, event in entries:
+        data = bytes(entry.data) if isinstance(entry.data, memoryview) else b.canonical(event)
         content[repr((entry.log_ns, entry.topic, entry.publish_ns, entry.sequence, data))] += 1
     about = repr(b.canonical(reader.info.metadata))
     if is_forged:

@@ -1,6 +1,7 @@
 """Runs many cases in this process, each within bounds of time and memory, and says of each what came of it.
 
-`python -m tests.hostile.worker KIND FIRST STOP` prints one line of JSON a case: `[number, outcome, detail]`.
+`python -m tests.hostile.worker FIRST STOP KIND ...` prints one line of JSON a case: `[kind, number, outcome, detail]`.
+`python -m tests.hostile.worker FILE ...` does so with cases of the corpus: `[file, 0, outcome, detail]`.
 """
 
 import gc
@@ -19,12 +20,13 @@ from hashlib import blake2b
 from pathlib import Path
 from types import FrameType
 
-from tests.hostile.target import Case, Found, Target
+from tests.hostile.target import Case, Found, Target, unpack
 
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import FbenchError
 
 MAX_S, MAX_MIB = 10.0, 512  # Of one case: CPU time, and memory beyond what the process had before
+WARM_UP = 10**9  # The number of a case that is no other's
 _GUARD = 6 * 2**30  # The address space that a case may add, so that one can't take the machine down [byte]
 _STATUS, _REFS = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 _MAX_CHARS = 2000
@@ -126,21 +128,32 @@ def _signature(error: Exception) -> str:
     return f"{type(error).__name__} in {where}: {(str(error).splitlines() or [''])[0][:120]}"
 
 
-def main(kind: str, first: int, stop: int) -> None:
-    """Print what comes of the cases from `first` up to `stop`."""
+def main(arguments: list[str]) -> None:
+    """Print what comes of numbered cases of some kinds, or of cases of the corpus."""
     from tests.hostile.targets import TARGETS
 
-    with worker(kind, TARGETS[kind]) as one:
-        for number in range(first, first + 5):  # imports, and code that is compiled when it is first called
-            one.judge(one.case(number))
-        gc.collect()
-        gc.freeze()  # of thousands of collections, each would look at all modules
-        now = int(re.search(r"VmSize:\s+(\d+) kB", _STATUS.read_text())[1]) * 1024
-        resource.setrlimit(resource.RLIMIT_AS, (now + _GUARD, now + _GUARD))
-        for number in range(first, stop):
-            sys.stdout.write(json.dumps([number, *one.judge(one.case(number))]) + "\n")
-            sys.stdout.flush()
+    if not arguments[0].isdecimal():
+        for name in arguments:
+            kind, case = unpack(Path(name))
+            with worker(kind, TARGETS[kind]) as one:
+                _say(name, 0, *one.judge(case))
+        return
+    first, stop = map(int, arguments[:2])
+    for kind in arguments[2:]:
+        with worker(kind, TARGETS[kind]) as one:
+            one.judge(one.case(WARM_UP))  # imports, and code that is compiled when it is first called
+            gc.collect()
+            gc.freeze()  # of thousands of collections, each would look at all modules
+            now = int(re.search(r"VmSize:\s+(\d+) kB", _STATUS.read_text())[1]) * 1024
+            resource.setrlimit(resource.RLIMIT_AS, (now + _GUARD, resource.RLIM_INFINITY))
+            for number in range(first, stop):
+                _say(kind, number, *one.judge(one.case(number)))
+
+
+def _say(*what: object) -> None:
+    sys.stdout.write(json.dumps(what) + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+    main(sys.argv[1:])
