@@ -24,7 +24,7 @@ from fbench.replay.data.files import replace_text
 ROOT = Path(__file__).resolve().parents[2]
 TALLY, PAGE = Path(__file__).parent / "tally.json", ROOT / "docs" / "faults.md"
 BEGIN, END = "<!-- begin: what was tried -->\n", "<!-- end: what was tried -->\n"
-_BATCH = 1000
+_BATCH = 400
 _MAX_WAIT_S = 300  # Without a word from a worker; a case that takes so long is in code that no signal interrupts
 Tally = dict[str, dict[str, int]]
 
