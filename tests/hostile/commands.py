@@ -34,7 +34,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 class Command:
     """One command. It writes `out` in the folder that it is called in, and reads what is in `in` beside it."""
 
-    call: Callable[[], object]
+    call: Callable[[], int | None]
     out: str
     keeps: bool = False  # Whether it keeps what an earlier one finished, and goes on from there
 
@@ -49,7 +49,7 @@ class Command:
         return found
 
 
-def _fbench(*args: str) -> Callable[[], object]:
+def _fbench(*args: str) -> Callable[[], None]:
     def call() -> None:
         sys.argv = ["fbench", *args]
         main()

@@ -230,10 +230,13 @@ def main() -> int:
     for how in HOW:
         parser.add_argument(f"--{how}", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--dry", action="store_true", help="don't keep the numbers")
+    parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS))
     given = parser.parse_args()
-    done, wrong = attempt({how: getattr(given, how) for how in HOW if getattr(given, how)}, list(COMMANDS), given.seed)
-    kept = json.loads(COUNTS.read_text()) if COUNTS.exists() else {}
-    replace_text(COUNTS, json.dumps({**kept, **done}, indent=1, sort_keys=True) + "\n")
+    done, wrong = attempt({how: getattr(given, how) for how in HOW if getattr(given, how)}, given.commands, given.seed)
+    if not given.dry:
+        kept = json.loads(COUNTS.read_text()) if COUNTS.exists() else {}
+        replace_text(COUNTS, json.dumps({**kept, **done}, indent=1, sort_keys=True) + "\n")
     sys.stdout.write(f"{json.dumps(done)}\n")
     return int(bool(wrong))
 

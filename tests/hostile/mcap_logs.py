@@ -1,11 +1,14 @@
 """MCAP files: damaged in every form, and edited in and around the chunks with their checksums made right again."""
 
+import io
 import struct
 import tempfile
 from collections import Counter, deque
+from collections.abc import Mapping
 from contextlib import nullcontext, suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 from mcap.opcode import Opcode
@@ -22,7 +25,7 @@ from fbench.replay.contracts.faults import UNVERIFIED, FaultLog
 from fbench.replay.logs.open import open_log
 
 NAME = "log.mcap"
-FORMS = {
+FORMS: Mapping[str, list[dict[str, Any]]] = {
     "mcap": [{"compression": c} for c in (CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD)],
     "mcap-unchunked": [{"use_chunking": False}, {"use_chunking": False, **NO_SUMMARY}],
     "mcap-no-summary": [{"compression": c, **NO_SUMMARY} for c in (CompressionType.NONE, CompressionType.ZSTD)],
@@ -99,7 +102,7 @@ def seal(original: bytes, edited: bytes) -> bytes:
 
 
 @cache
-def records() -> tuple[object, ...]:
+def records() -> tuple[Any, ...]:
     """Schemas, channels, messages and metadata of the small log."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / NAME).write_bytes(form("mcap", 0))
@@ -109,7 +112,7 @@ def records() -> tuple[object, ...]:
     return *kept.values(), *(r for r in found if isinstance(r, Message | Metadata))
 
 
-def edit(items: list[object], random: Random) -> list[object]:
+def edit(items: list[Any], random: Random) -> list[Any]:
     """Change fields of one to three records."""
     for _ in range(int(random.integers(1, 4))):
         i, j = (int(n) for n in random.integers(0, len(items), 2))
@@ -141,10 +144,8 @@ def _text(text: str, random: Random) -> str:
     return edit_text(text.encode(), random).decode(errors="replace") if random.random() < 0.5 else text
 
 
-def write(items: list[object], random: Random) -> bytes:
+def write(items: list[Any], random: Random) -> bytes:
     """Write records, in a form that is drawn, too."""
-    import io
-
     kind = ["mcap", "mcap", "mcap-unchunked", "mcap-no-summary"][int(random.integers(4))]
     how = {"enable_data_crcs": True, **FORMS[kind][int(random.integers(2))]}
     file = io.BytesIO()

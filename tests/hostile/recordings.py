@@ -225,7 +225,7 @@ def _edit_table(data: bytes, random: Random) -> bytes:
         case 4 if rows and isinstance(rows[k], bytes):
             new = _array([edit_number(row, random) if n == k else row for n, row in enumerate(rows)], column.type)
         case 5 if rows and isinstance(rows[k], int | float):
-            value = EXTREMES[int(random.integers(len(EXTREMES)))]
+            value: float = EXTREMES[int(random.integers(len(EXTREMES)))]
             value = float(np.uint64(value).view(np.float64)) if isinstance(rows[k], float) else value % 2**63
             new = _array([value if n == k else row for n, row in enumerate(rows)], column.type)
         case _:
