@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo suite detector test test-all lint bench docs format clean
+.PHONY: demo suite detector test test-all fuzz lint bench docs format clean
 
 demo: $(VENV)/ready
 	$(BIN)/fbench demo
@@ -25,6 +25,11 @@ test: lint
 # What `make test` leaves out: slow tests, and those that need torch, which weighs gigabytes.
 test-all: test $(VENV)/ready-torch
 	$(PYTEST) -m "slow or torch"
+
+# Damages and edits all kinds of input; see docs/faults.md.
+MINUTES ?= 60
+fuzz: $(VENV)/ready-test
+	$(BIN)/python -m tests.hostile.run --minutes $(MINUTES)
 
 lint: $(VENV)/ready-test
 	$(BIN)/ruff format --check .

@@ -11,7 +11,7 @@ import typer
 from typer import Option
 
 from fbench.cli.show import import_progress, replay_progress, say, show_results
-from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError, output_error
 from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     try:
         what.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"{what.folder}: can't be written ({error.strerror}); choose another with --out") from error
+        raise output_error(what.folder, error, "; choose another with --out") from error
     try:
         # Two in one folder would clear away each other's half-written runs.
         with claim(what.folder / "demo", lambda: say("waiting for another fbench demo in this folder")):

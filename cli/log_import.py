@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from fbench.cli import options
 from fbench.cli.show import import_progress, print_json, say
-from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError
+from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError, output_error
 from fbench.replay.data.files import make_parent
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _choose_targets(
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"{out}: can't be written ({error.strerror})") from error
+        raise output_error(out, error) from error
     files = log_names(known)
     return {name: Target(out / f"{files[name]}.{form}", overwrite) for name in names}
 

@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from fbench.cli import options
 from fbench.cli.show import import_progress, print_json, say
-from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError, output_error
 from fbench.replay.data.files import make_parent
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def simulate(
         try:
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ConfigError(f"{out}: can't be written ({error.strerror})") from error
+            raise output_error(out, error) from error
         wanted = [(spec, Target(out / f"{name}.{form or 'mcap'}", overwrite)) for spec, name in specs]
     else:
         if split is not None or form is not None:

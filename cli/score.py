@@ -10,7 +10,7 @@ import typer
 from typer import Argument, Option
 
 from fbench.cli import options
-from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError, OutputError
 from fbench.replay.data.files import make_parent
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def _require_writable(path: Path) -> None:
         raise ConfigError(f"-o {path}: is a folder; name a file in it")
     make_parent(path)
     if not os.access(path.parent, os.W_OK):
-        raise ConfigError(f"-o {path}: the folder {path.parent} can't be written to")
+        raise OutputError(f"-o {path}: the folder {path.parent} can't be written to")
 
 
 def require_fitting(given: Collection[str], num_runs: int) -> None:

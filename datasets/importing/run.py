@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError, output_error
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import ImportRequest, OtherResult, check_items
 from fbench.replay.contracts.protocols import Importer, Recording
@@ -44,7 +44,7 @@ def claim(path: Path, waits: Callable[[], None]) -> Iterator[None]:
         make_folder(path.parent)
         number = _lock(lock, waits)
     except OSError as error:
-        raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
+        raise output_error(path, error) from error
     try:
         Draft(path).discard()  # puts back a log that was to be replaced, and wasn't yet
         yield

@@ -12,7 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from fbench.replay.check.difference import TASK, Difference, Form, Outcome, VerifyTask, first_difference
-from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError, FbenchError, LogError
+from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError, FbenchError, LogError, output_error
 from fbench.replay.contracts.plugins import parse_name, with_absolute_files
 from fbench.replay.contracts.variants import SUFFIX
 from fbench.replay.geometry.kernels import VARIABLE
@@ -186,7 +186,7 @@ def workplace(keep: Path | None) -> Iterator[Path]:
         keep.mkdir(parents=True, exist_ok=True)
         used: Sequence[Path] = list(keep.iterdir())
     except OSError as error:
-        raise ConfigError(f"{keep}: can't be written ({error.strerror})") from error
+        raise output_error(keep, error) from error
     if used:
         raise ConfigError(f"{keep}: isn't empty; choose another with --keep")
     yield keep

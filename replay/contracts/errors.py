@@ -1,6 +1,7 @@
 """Errors, exit codes and the near names that errors suggest."""
 
 import difflib
+import errno
 import traceback
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -46,6 +47,12 @@ class ConfigError(FbenchError):
     """Usage or configuration: an unknown name, a wrong parameter, an output folder that exists."""
 
     exit_code = EXIT_USAGE
+
+
+class OutputError(ConfigError):
+    """An output that has a good place, where the system lets nothing be written: the disk is full, or no one may."""
+
+    exit_code = EXIT_DATA
 
 
 class MissingPackageError(ConfigError):
@@ -102,6 +109,21 @@ class TerminatedError(BaseException):
 
 INTERRUPTS = (KeyboardInterrupt, TerminatedError)
 """What ends fbench from outside. A plug-in may raise anything else, and it counts as the plug-in's failure."""
+
+
+_REFUSALS = frozenset(
+    getattr(errno, name) for name in ("EACCES", "EPERM", "EROFS", "ENOSPC", "EDQUOT", "EFBIG", "EIO", "ENOMEM")
+)
+
+
+def output_error(where: object, error: Exception, hint: str = "") -> ConfigError:
+    """Return the error for an output that can't be written: a usage error where the place is wrong, such as below a
+    file; `hint` follows the reason.
+    """
+    given = error.errno if isinstance(error, OSError) else errno.EIO
+    reason = (error.strerror if isinstance(error, OSError) else None) or next(iter(str(error).splitlines()), "")
+    kind = OutputError if given in _REFUSALS else ConfigError
+    return kind(f"{where}: can't be written ({reason}){hint}")
 
 
 def one_line(error: BaseException) -> str:

@@ -13,7 +13,7 @@ from typing import Self
 
 from platformdirs import user_cache_path
 
-from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError, output_error
 
 
 def fbench_cache() -> Path:
@@ -124,7 +124,7 @@ class Draft:
         try:
             yield
         except OSError as error:
-            raise ConfigError(f"{self._given}: can't be written ({error.strerror})") from error
+            raise output_error(self._given, error) from error
 
     def _settle(self) -> None:
         if self._old.exists() and not self._target.exists():
@@ -150,7 +150,7 @@ def make_parent(path: Path) -> None:
     try:
         make_folder(path.absolute().parent)
     except OSError as error:
-        raise ConfigError(f"{path}: can't be written ({error.strerror}: {error.filename})") from error
+        raise output_error(path, OSError(error.errno, f"{error.strerror}: {error.filename}")) from error
 
 
 def remove(path: Path) -> None:

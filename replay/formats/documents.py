@@ -179,6 +179,6 @@ def parse_yaml(content: bytes) -> object:
             if depth > _MAX_DEPTH:
                 raise YamlFileError(f"line {line}: nested more than {_MAX_DEPTH} deep", mendable=False)
         return YAML(typ="base", pure=True).load(text)
-    except YAMLError as error:
+    except (YAMLError, TypeError) as error:  # TypeError: a list or mapping as a key
         reason = " ".join(str(error).split())
         raise YamlFileError(f"can't be parsed ({reason[:200]})") from error

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.data.arrays import MAX_TEXT, Bool, Float64, Int64, Text, text_array
 from fbench.replay.formats.text import stamp_of_seconds, track_number
-from fbench.replay.logs.containers.parquet.footer import DamageError, read_tail, require_parsable
+from fbench.replay.logs.containers.parquet.footer import Chunk, DamageError, read_groups, read_tail, require_parsable
 from fbench.replay.logs.containers.parquet.groups import read_page
 
 SUFFIXES = (".csv", ".tsv", ".parquet")
@@ -116,30 +116,33 @@ def _schema(path: Path) -> pa.Schema:
     one time, which is one page and the dictionary of each column.
     """
     with path.open("rb", buffering=0) as opened:
-        require_parsable(path, read_tail(path, opened, os.fstat(opened.fileno()).st_size))
+        size = os.fstat(opened.fileno()).st_size
+        tail = read_tail(path, opened, size)
+        require_parsable(path, tail)
+        try:
+            groups = read_groups(tail, size)  # pyarrow ends the process where statistics of a column are odd
+        except DamageError as error:
+            raise LogError(f"{path}: damaged footer ({error})") from error
+        for group in groups:
+            taken = sum(_largest(path, opened, chunk) for chunk in group.chunks)
+            if taken > _MAX_PAGES:
+                limit = f"over {_MAX_PAGES >> 20}; write smaller ones"
+                raise LimitError(f"{path}: pages take {taken >> 20} MiB, {limit}", "LIM004")
         with pq.ParquetFile(opened) as file:
-            for i in range(file.metadata.num_row_groups):
-                group, size = file.metadata.row_group(i), 0
-                for chunk in map(group.column, range(group.num_columns)):
-                    try:
-                        size += _largest(path, opened, chunk)
-                    except DamageError as error:
-                        raise LogError(f"{path}: column '{chunk.path_in_schema}' is damaged ({error})") from error
-                if size > _MAX_PAGES:
-                    limit = f"over {_MAX_PAGES >> 20}; write smaller ones"
-                    raise LimitError(f"{path}: pages take {size >> 20} MiB, {limit}", "LIM004")
             return file.schema_arrow
 
 
-def _largest(path: Path, file: FileIO, chunk: Any) -> int:
+def _largest(path: Path, file: FileIO, chunk: Chunk) -> int:
     """Bytes that the dictionary and the largest page of a column say that they take."""
-    at = min((at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at), default=0)
-    end = at + chunk.total_compressed_size
+    at, end = chunk.offset, chunk.offset + chunk.length
     dictionary = largest = 0
     while at < end:
-        page = read_page(memoryview(os.pread(file.fileno(), min(_PAGE_HEADER, end - at), at)))
+        try:
+            page = read_page(memoryview(os.pread(file.fileno(), min(_PAGE_HEADER, end - at), at)))
+        except DamageError as error:
+            raise LogError(f"{path}: column '{chunk.column}' is damaged ({error})") from error
         if page.encoding in _GROWING:
-            raise LogError(f"{path}: column '{chunk.path_in_schema}' is delta-coded text; write it as PLAIN")
+            raise LogError(f"{path}: column '{chunk.column}' is delta-coded text; write it as PLAIN")
         if page.is_dictionary:
             dictionary = page.unpacked
         largest = max(largest, page.unpacked)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError, output_error
 from fbench.replay.data.files import Draft
 from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
@@ -77,4 +77,4 @@ def _write_whole(out: Path, content: bytes) -> None:
             draft.path.write_bytes(content)
             draft.publish()
     except OSError as error:
-        raise ConfigError(f"{out}: can't be written ({error.strerror})") from error
+        raise output_error(out, error) from error

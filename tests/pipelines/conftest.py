@@ -2,29 +2,22 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.hostile.damage import join_proto, varint
 
 Model = Callable[..., Path]
 
 _ONNX_TYPES = {"float32": 1, "int64": 7}
 
 
-def varint(value: int) -> bytes:
-    parts = []
-    while value > 0x7F:
-        parts.append(value & 0x7F | 0x80)
-        value >>= 7
-    return bytes([*parts, value])
-
-
 def field(number: int, value: bytes | str | int) -> bytes:
     """One field of a protobuf message."""
     if isinstance(value, int):
-        return varint(number << 3) + varint(value)
-    data = value.encode() if isinstance(value, str) else value
-    return varint(number << 3 | 2) + varint(len(data)) + data
+        return join_proto(number, 0, varint(value))
+    return join_proto(number, 2, value.encode() if isinstance(value, str) else value)
 
 
 def tensor(name: str, values: np.ndarray, *, external: bool = False) -> bytes:
@@ -41,27 +34,31 @@ def port(name: str, dtype: str, shape: Sequence[int | str]) -> bytes:
     return field(1, name) + field(2, field(1, field(1, _ONNX_TYPES[dtype]) + field(2, dims)))
 
 
+def encode_model(
+    outputs: dict[str, np.ndarray],
+    inputs: dict[str, tuple[str, Sequence[int | str]]],
+    metadata: dict[str, str] | None = None,
+    *,
+    external: bool = False,
+) -> bytes:
+    """An ONNX file whose outputs are constants, whatever the image is."""
+    graph = b""
+    for key, value in outputs.items():
+        graph += field(1, field(1, f"{key}_value") + field(2, key) + field(4, "Identity"))
+        graph += field(5, tensor(f"{key}_value", value, external=external))
+        graph += field(12, port(key, value.dtype.name, value.shape))
+    graph += field(2, "test") + b"".join(field(11, port(n, *spec)) for n, spec in inputs.items())
+    entries = b"".join(field(14, field(1, k) + field(2, v)) for k, v in (metadata or {}).items())
+    return field(1, 8) + field(7, graph) + field(8, field(2, 13)) + entries
+
+
 @pytest.fixture
 def constant_model(tmp_path: Path) -> Model:
-    """Writes an ONNX file whose outputs are constants, whatever the image is."""
+    """Writes such a file."""
 
-    def write(
-        outputs: dict[str, np.ndarray],
-        inputs: dict[str, tuple[str, Sequence[int | str]]],
-        metadata: dict[str, str] | None = None,
-        *,
-        external: bool = False,
-        name: str = "model.onnx",
-    ) -> Path:
-        graph = b""
-        for key, value in outputs.items():
-            graph += field(1, field(1, f"{key}_value") + field(2, key) + field(4, "Identity"))
-            graph += field(5, tensor(f"{key}_value", value, external=external))
-            graph += field(12, port(key, value.dtype.name, value.shape))
-        graph += field(2, "test") + b"".join(field(11, port(n, *spec)) for n, spec in inputs.items())
-        entries = b"".join(field(14, field(1, k) + field(2, v)) for k, v in (metadata or {}).items())
+    def write(*content: Any, name: str = "model.onnx", **how: Any) -> Path:
         path = tmp_path / name
-        path.write_bytes(field(1, 8) + field(7, graph) + field(8, field(2, 13)) + entries)
+        path.write_bytes(encode_model(*content, **how))
         return path
 
     return write

@@ -144,6 +144,8 @@ class Model:
             )
             header = ModelHeader(inputs, outputs, dict(self._session.get_modelmeta().custom_metadata_map))
             self._layout = recognize(header, input_wh)
+        except UnicodeDecodeError as error:
+            raise ModelError(f"{path}: a name in the model isn't UTF-8") from error
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from error
         self._size = self._layout.input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)

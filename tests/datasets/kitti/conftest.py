@@ -35,10 +35,8 @@ def oxts_row(lon_deg: float) -> str:
     return " ".join(["49.0", str(lon_deg), "116.0", "0", "0", "0", *["0"] * 24])
 
 
-@pytest.fixture
-def tracking_folder(tmp_path: Path) -> Path:
+def write_tracking(root: Path) -> Path:
     """Sequence 0000 with 4 frames: labels in 0 and 2, images in all, no LiDAR in 1; 0001 with labels alone."""
-    root = tmp_path / "set"
     for name in ("label_02", "calib", "oxts", "image_02/0000", "velodyne/0000", "docs"):
         (root / name).mkdir(parents=True)
     (root / "label_02/0000.txt").write_text(f"0 -1 {REGION}\n0 7 {CAR}\n0 8 {WALKER}\n2 7 {CAR}\n")
@@ -52,6 +50,11 @@ def tracking_folder(tmp_path: Path) -> Path:
     (root / "oxts/0000.txt").write_text("".join(f"{oxts_row(8.0 + i * 1e-5)}\n" for i in range(4)))
     (root / "evaluate_tracking.seqmap.training").write_text("0000 empty 000000 000004\n0001 empty 000000 000003\n")
     return root
+
+
+@pytest.fixture
+def tracking_folder(tmp_path: Path) -> Path:
+    return write_tracking(tmp_path / "set")
 
 
 @pytest.fixture

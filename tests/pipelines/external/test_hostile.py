@@ -3,7 +3,7 @@
 from functools import partial
 
 import pytest
-from tests.replay.mutations import complaint, mutated
+from tests.hostile.damage import complaint, mutated
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.pipelines.external.messages import parse_response, to_output

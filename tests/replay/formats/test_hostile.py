@@ -8,10 +8,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.hostile.damage import complaint, mutated
 from tests.replay.formats.box_files import read
 from tests.replay.formats.test_kalibr import CAM
 from tests.replay.formats.test_urdf import ROBOT
-from tests.replay.mutations import complaint, mutated
 
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
 from fbench.replay.formats.rig_files import open_rig_file

@@ -22,6 +22,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import PointCloud, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.logs.containers.mcap.write import McapWriter
+from fbench.replay.logs.open import open_container
 from fbench.replay.logs.open import open_log
 
 
@@ -179,6 +180,31 @@ def test_messages_outside_chunks_without_checksum_are_reported(tmp_path, drive):
     _, faults = content(path)
     assert faults.counts["LOG006"] == 1
     assert "messages outside chunks" in faults.places["LOG006"][0]
+
+
+@pytest.mark.parametrize("record", [Opcode.HEADER, Opcode.MESSAGE])
+def test_messages_outside_chunks_are_delivered_only_if_the_checksum_over_all_is_right(tmp_path, drive, record):
+    """It isn't known where the damage is: any of them may be the wrong one."""
+    path = rewrite(drive, tmp_path / "log.mcap", use_chunking=False)
+    data = bytearray(path.read_bytes())
+    at, length = next((at, length) for opcode, at, length in layout(bytes(data)) if opcode == record)
+    data[at + length - 1] ^= 1
+    path.write_bytes(data)
+    container = open_container(path, faults := FaultLog())
+    assert not list(container.entries(frozenset(container.channels)))
+    assert sum(container.counts.values()) == 0
+    assert faults.counts == {"LOG003": 1, "LOG004": 1}
+    assert faults.places["LOG004"][0].endswith("messages outside chunks can be trusted")
+
+
+def test_chunks_keep_their_messages_where_those_outside_are_lost(tmp_path, drive):
+    data = rewrite(drive, tmp_path / "log.mcap", chunk_size=3000, **NO_SUMMARY).read_bytes()
+    num, places = len(content(tmp_path / "log.mcap")[0]), layout(data)
+    at, length = next((at, length) for opcode, at, length in places if opcode == Opcode.CHUNK)
+    plain = HEAD.pack(Opcode.MESSAGE, 22) + struct.pack("<HIQQ", 1, 0, 5, 5)
+    found, faults = content(saved(tmp_path, data[: at + length] + plain + data[at + length :]))
+    assert len(found) == num
+    assert faults.counts == {"LOG003": 1, "LOG004": 1}
 
 
 def test_index_that_misses_a_chunk_is_not_trusted(tmp_path, drive):

@@ -3,7 +3,7 @@
 import os
 
 import pytest
-from tests.replay.mutations import complaint, mutated
+from tests.hostile.damage import complaint, mutated
 from tests.replay.setup.test_load import GOOD
 
 from fbench.replay.contracts.errors import ConfigError

@@ -53,6 +53,7 @@ class _Walker:
     def __init__(self, file: BinaryIO, name: str, size: int, faults: FaultLog) -> None:
         self.index = Index()
         self.counts: Counter[int] = Counter()
+        self._plain: Counter[int] = Counter()  # Those of messages outside chunks
         self.at = len(MAGIC)
         self._file, self._name, self._size, self._faults = file, name, size, faults
         self._crc = crc32(MAGIC)
@@ -81,7 +82,9 @@ class _Walker:
             self.at += HEAD.size + length
 
     def check_sums(self, expected: int | None) -> None:
-        """Compare the checksum of the data section, the only one that messages outside chunks and metadata have."""
+        """Compare the checksum of the data section, the only one that messages outside chunks and metadata have: where
+        it doesn't match, any of these messages may be the damaged one, so that none counts.
+        """
         if self._num_unverified:
             self._faults.add(
                 "LOG006", f"{self._name}: {format_count(self._num_unverified, 'chunk')}", self._num_unverified
@@ -89,12 +92,19 @@ class _Walker:
         if not expected:
             if self._num_plain:
                 self._faults.add("LOG006", f"{self._name}: {format_count(self._num_plain, 'message')} outside chunks")
-        elif expected != self._crc and not self._damaged:
-            if self._num_plain + self._num_foreign:
-                reason = "checksum of the data section doesn't match, it isn't known where"
-                self._faults.add("LOG004", f"{self._name}: byte {len(MAGIC)}: {reason}")
-            else:
-                self._faults.add("LOG005", self._name)
+            return
+        if expected == self._crc:
+            return
+        where = f"{self._name}: byte {len(MAGIC)}: checksum of the data section doesn't match"
+        if self._num_plain:
+            self.index.blocks[:] = [block for block in self.index.blocks if block.is_chunk]
+            self.counts.subtract(self._plain)
+            messages = format_count(self._num_plain, "message")
+            self._faults.add("LOG004", f"{where}, so that none of {messages} outside chunks can be trusted")
+        elif self._num_foreign and not self._damaged:
+            self._faults.add("LOG004", f"{where}, it isn't known where")
+        elif not self._damaged:
+            self._faults.add("LOG005", self._name)
 
     def _visit(self, opcode: int, length: int) -> None:
         if opcode not in (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA):
@@ -142,6 +152,7 @@ class _Walker:
             self._run = _Run(self.at, stop)
         self._run.stop = stop
         self._count(self._run, content, 0)
+        self._plain[MESSAGE.unpack_from(content)[0]] += 1
         self._num_plain += 1
 
     def _count(self, run: _Run, data: bytes | memoryview, at: int) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self, cast
 from google.protobuf.message import Message as Proto
 from mcap.writer import CompressionType, Writer
 
-from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.errors import ConfigError, LogError, output_error
 from fbench.replay.data.files import Draft
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import LogInfo, Rig
@@ -74,7 +74,7 @@ class RawMcapWriter:
         try:
             self._writer.add_message(self._id(channel), log_ns, bytes(data), publish_ns, sequence)
         except OSError as error:
-            raise ConfigError(f"{self.path}: can't be written ({error.strerror})") from error
+            raise output_error(self.path, error) from error
 
     def close(self) -> None:
         """Finish the file and give it its name; does nothing the second time."""
@@ -85,7 +85,7 @@ class RawMcapWriter:
             self._file.flush()
             self._draft.publish()
         except OSError as error:
-            raise ConfigError(f"{self.path}: can't be written ({error.strerror})") from error
+            raise output_error(self.path, error) from error
         finally:
             self.discard()
 

@@ -67,8 +67,6 @@ def read_struct(data: memoryview, at: int = 0, depth: int = 0) -> tuple[Struct, 
     """Read a struct; returns its fields by id, and where it ends. Of lists only those of structs are kept. Raises
     DamageError where there is none.
     """
-    if depth > _MAX_DEPTH:
-        raise DamageError("structs are nested too deeply")
     fields: Struct = {}
     key = 0
     try:
@@ -94,6 +92,8 @@ def get(fields: Struct, key: int, kind: type[T]) -> T:
 
 
 def _read_value(data: memoryview, at: int, kind: int, depth: int) -> tuple[Value, int]:
+    if depth > _MAX_DEPTH:
+        raise DamageError("structs or lists are nested too deeply")
     match kind:
         case 1 | 2:  # the value of a flag is in its type
             return kind == _TRUE, at
@@ -102,12 +102,14 @@ def _read_value(data: memoryview, at: int, kind: int, depth: int) -> tuple[Value
         case 4 | 5 | 6:
             return _zigzag(data, at)
         case 7:
+            if at + 8 > len(data):  # a list of them may claim any number
+                raise IndexError
             return None, at + 8
         case 8:
             length, at = _varint(data, at)
             return bytes(data[at : at + length]), at + length
         case 9 | 10:
-            return _read_list(data, at, depth)
+            return _read_list(data, at, depth + 1)
         case 12:
             return read_struct(data, at, depth + 1)
         case _:
@@ -207,13 +209,20 @@ def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
     try:
         source = pq.ParquetFile(pa.BufferReader(MAGIC + tail))
         metadata, schema = source.metadata, source.schema_arrow
-        groups = [
-            Group(get(group, _GROUP_ROWS, int), [_chunk(c, size - len(tail)) for c in get(group, _COLUMNS, list)])
-            for group in get(read_struct(memoryview(tail))[0], _ROW_GROUPS, list)
-        ]
+        groups = read_groups(tail, size)
     except (OSError, ValueError, pa.ArrowException, DamageError) as error:
         raise LogError(f"{path}: damaged footer ({reason_of(error)})", "PQ001") from error
     return Footer(size, metadata, present_columns(str(path), kind, schema), groups)
+
+
+def read_groups(tail: bytes, size: int) -> list[Group]:
+    """Return the row groups that the end of a file of `size` bytes describes. Raises DamageError where one isn't all
+    there.
+    """
+    return [
+        Group(get(group, _GROUP_ROWS, int), [_chunk(c, size - len(tail)) for c in get(group, _COLUMNS, list)])
+        for group in get(read_struct(memoryview(tail))[0], _ROW_GROUPS, list)
+    ]
 
 
 def require_parsable(path: Path, tail: bytes) -> None:

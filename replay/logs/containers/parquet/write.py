@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 
 import pyarrow as pa
 
-from fbench.replay.contracts.errors import ConfigError, DataError, LogError
+from fbench.replay.contracts.errors import ConfigError, DataError, LogError, output_error
 from fbench.replay.data.files import Draft, sync
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
@@ -124,7 +124,7 @@ class ParquetWriter:
         except ValueError as error:
             raise LogError(f"{self.path}: its description can't be stored ({reason_of(error)})") from error
         except (OSError, pa.ArrowException) as error:
-            raise ConfigError(f"{self.path}: can't be written ({reason_of(error)})") from error
+            raise output_error(self.path, error) from error
         finally:
             self.discard()
 
@@ -159,7 +159,7 @@ class ParquetWriter:
         except (ValueError, DataError) as error:
             raise LogError(f"{where} can't be stored ({reason_of(error)})") from error
         except (OSError, pa.ArrowException) as error:
-            raise ConfigError(f"{self.path}: can't be written ({reason_of(error)})") from error
+            raise output_error(self.path, error) from error
 
     def _flush(self, writer: StreamWriter) -> None:
         self._pending_size -= writer.pending_size

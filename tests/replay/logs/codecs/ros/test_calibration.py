@@ -77,11 +77,11 @@ TF2, TF1 = "tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"
 TEXT = "geometry_msgs/TransformStamped[] transforms"
 
 
-def transforms(ros, name):
+def transforms(ros, name, edges=(("/map", "/body"), ("body", "a"))):
     vector, rotation = ros.make("geometry_msgs/msg/Vector3", 1.0, 2.0, 3.0), (0.1, 0.2, 0.3, 0.9)
     pose = ros.make("geometry_msgs/msg/Transform", vector, ros.make("geometry_msgs/msg/Quaternion", *rotation))
     stamped = "geometry_msgs/msg/TransformStamped"
-    parts = [ros.make(stamped, ros.header(parent), child, pose) for parent, child in (("/map", "/body"), ("body", "a"))]
+    parts = [ros.make(stamped, ros.header(parent), child, pose) for parent, child in edges]
     return ros.write(ros.make(name, parts))
 
 

@@ -1,0 +1,136 @@
+"""Fuzz all kinds of input for some minutes, keep what was tried in `tally.json`, and make the table of docs/faults.md.
+
+`make fuzz MINUTES=60` goes on where the last run ended. Each new finding is reduced and added to `corpus/`, where the
+fast tests try it again; exit code 1 says that there is one.
+"""
+
+import argparse
+import json
+import selectors
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tests.hostile.minimize import CORPUS, signature
+from tests.hostile.target import FINDINGS, OUTCOMES
+from tests.hostile.targets import TARGETS
+
+from fbench.replay.data.files import replace_text
+
+ROOT = Path(__file__).resolve().parents[2]
+TALLY, PAGE = Path(__file__).parent / "tally.json", ROOT / "docs" / "faults.md"
+BEGIN, END = "<!-- begin: what was tried -->\n", "<!-- end: what was tried -->\n"
+_BATCH = 400
+_MAX_WAIT_S = 300  # Without a word from a worker; a case that takes so long is in code that no signal interrupts
+Tally = dict[str, dict[str, int]]
+
+
+def judge(arguments: Sequence[object], total: int) -> Iterator[tuple[str, int, str, str]]:
+    """Yield what a worker says of `total` cases; one that ends it is a finding, after which nothing comes."""
+    command = [sys.executable, "-m", "tests.hostile.worker", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(process.stdout, selectors.EVENT_READ)
+            num = 0
+            while num < total:
+                if not selector.select(_MAX_WAIT_S):
+                    process.kill()
+                    yield "", -1, "time", f"over {_MAX_WAIT_S} s in code that can't be interrupted"
+                    return
+                if not (line := process.stdout.readline()):
+                    break
+                kind, number, outcome, detail = json.loads(line)
+                yield kind, number, outcome, detail
+                num += 1
+        rest = process.stderr.read()
+        if process.wait():
+            yield "", -1, "crash", f"exit code {process.returncode}: {(rest.splitlines() or [''])[-1][:200]}"
+
+
+def fuzz(kind: str, first: int, stop: int, found: Counter[str], known: set[str]) -> None:
+    """Try the cases of a kind from `first` up to `stop`; counts outcomes, and adds new findings to the corpus."""
+    at = first
+    while at < stop:
+        for _, number, outcome, detail in judge([at, stop, kind], stop - at):
+            last = at if number < 0 else number
+            found[outcome] += 1
+            if outcome in FINDINGS and (key := f"{kind} {signature(outcome, detail)}") not in known:
+                known.add(key)
+                added = subprocess.run(
+                    [sys.executable, "-m", "tests.hostile.minimize", kind, str(last), outcome],
+                    capture_output=True, text=True, cwd=ROOT, timeout=600,
+                )  # fmt: skip
+                sys.stdout.write(
+                    f"{kind} {last}: {outcome}: {detail}\n  {added.stdout.strip() or added.stderr[-300:]}\n"
+                )
+                sys.stdout.flush()
+            at = last + 1
+
+
+def count_mended() -> Mapping[str, int]:
+    """Findings of each kind that are in the corpus."""
+    return Counter(path.name.rpartition("-")[0] for path in sorted(CORPUS.iterdir()))
+
+
+def table(tally: Mapping[str, Mapping[str, int]]) -> str:
+    """The rows of docs/faults.md."""
+    mended = count_mended()
+    lines = [
+        f"| input | cases | {' | '.join(OUTCOMES.values())} | open findings | found and mended |",
+        f"|---|{'---:|' * (len(OUTCOMES) + 3)}",
+    ]
+    for kind, target in TARGETS.items():
+        counts = tally.get(kind, {})
+        open_ones = sum(counts.get(name, 0) for name in FINDINGS)
+        numbers = [sum(counts.values()), *(counts.get(name, 0) for name in OUTCOMES), open_ones, mended.get(kind, 0)]
+        lines.append(f"| {target.what} | {' | '.join(f'{number:,}' for number in numbers)} |")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def page(text: str, tally: Mapping[str, Mapping[str, int]]) -> str:
+    """The page with the table of this tally."""
+    before, _, rest = text.partition(BEGIN)
+    return f"{before}{BEGIN}\n{table(tally)}\n{END}{rest.partition(END)[2]}"
+
+
+def main() -> int:
+    """Fuzz; returns 1 where there is a finding."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=10)
+    parser.add_argument("--cases", type=int, default=10**9, help="stop where each kind had so many")
+    parser.add_argument("--kinds", nargs="+", default=list(TARGETS), choices=list(TARGETS))
+    parser.add_argument("--again", action="store_true", help="forget what was tried, after a mend")
+    given = parser.parse_args()
+    tally: Tally = json.loads(TALLY.read_text()) if TALLY.exists() else {}
+    if given.again:
+        tally = {kind: counts for kind, counts in tally.items() if kind not in given.kinds}
+    end, known = time.monotonic() + 60 * given.minutes, set[str]()
+    while time.monotonic() < end and (kind := _next(tally, given.kinds, given.cases)):
+        counts: Counter[str] = Counter(tally.get(kind, {}))
+        first = counts.total()
+        fuzz(kind, first, min(first + _BATCH, given.cases), counts, known)
+        tally[kind] = dict(sorted(counts.items()))
+        write(tally)
+    return int(bool(known))
+
+
+def _next(tally: Tally, kinds: Sequence[str], most: int) -> str | None:
+    """The kind of which the fewest cases were tried."""
+    num, kind = min((sum(tally.get(kind, {}).values()), kind) for kind in kinds)
+    return kind if num < most else None
+
+
+def write(tally: Mapping[str, Any]) -> None:
+    """Keep the tally, and bring the page up to date."""
+    replace_text(TALLY, json.dumps(tally, indent=1, sort_keys=True) + "\n")
+    replace_text(PAGE, page(PAGE.read_text(), tally))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
