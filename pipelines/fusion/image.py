@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from fbench.pipelines.fusion.observations import inside_shares
-from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
+from fbench.pipelines.fusion.reliability import CameraReliability, saturate
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image import stage
 from fbench.pipelines.sensors.image.objects import Points
 from fbench.pipelines.sensors.image.stage import SURE, ImageObservations, InImages, Rays
+from fbench.pipelines.sensors.odds import combine_factors, log_odds
 from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64

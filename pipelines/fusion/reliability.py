@@ -1,35 +1,12 @@
-"""Reliability of sensors: odds that observations stand for, and shares of objects that each sensor sees at present."""
+"""Reliability of sensors: how much points say, and shares of objects that each sensor sees at present."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source
-
-SENSOR_LIMIT = 1 - 0.98  # No sensor alone can be surer of an object than 1 less this, nor of none than this
-
-
-def log_odds(probability: float | Float64, least: float = SENSOR_LIMIT) -> Any:
-    """Logarithm of the odds of probabilities, which count as `least` at least and 1 - `least` at most; NaN stays."""
-    p = np.clip(probability, least, 1 - least)
-    return np.log(p / (1 - p))
-
-
-def probability_of(odds: Float64) -> Float64:
-    """Probability (N,) of logarithms of odds (N,)."""
-    return np.asarray(1 / (1 + np.exp(-odds)), np.float64)
-
-
-def combine_factors(prior: float, factors: Iterable[float]) -> float:
-    """Probability of an object, given how likely one is before any sensor looks, and by which factor each says that its
-    odds are larger or smaller: sensors are taken for independent (naive Bayes).
-    """
-    total = log_odds(prior) + sum(np.log(max(factor, 1e-9)) for factor in factors)
-    return float(1 / (1 + np.exp(-total)))
 
 
 def saturate(num: Float64 | int, full: float) -> Float64:

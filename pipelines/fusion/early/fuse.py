@@ -11,7 +11,8 @@ from fbench.pipelines.fusion.early.cloud import EchoParams, FusedCloud, Scene
 from fbench.pipelines.fusion.early.density import DensityParams, cluster_cloud
 from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed, SemanticsParams
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE, are_one
-from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
+from fbench.pipelines.fusion.reliability import saturate
+from fbench.pipelines.sensors.odds import log_odds, probability_of
 from fbench.pipelines.sensors.radar.stage import median_rate
 from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, in_range

@@ -9,7 +9,8 @@ from fbench.pipelines.fusion.kernels import nearest_by_bearing, occlusion_shares
 from fbench.pipelines.fusion.late.association import Association
 from fbench.pipelines.fusion.late.place import Observations
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, Clusters, outline_overlaps
-from fbench.pipelines.fusion.reliability import AgreementParams, SensorReliability, log_odds, saturate
+from fbench.pipelines.fusion.reliability import AgreementParams, SensorReliability, saturate
+from fbench.pipelines.sensors.odds import log_odds
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D

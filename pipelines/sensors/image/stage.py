@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.fusion.reliability import log_odds
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Cloud, Points, Spots, of_lidar, of_radar, spots
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
 from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.odds import log_odds
 from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar import stage as radar

@@ -2,12 +2,12 @@
 
 import json
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 
-from fbench.pipelines.fusion.reliability import log_odds, probability_of
+from fbench.pipelines.sensors.odds import log_odds, probability_of
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, center_offsets, complete, fade
 from fbench.replay.contracts.errors import ConfigError
@@ -83,6 +83,12 @@ class Standing:
     first: Int64  # (M + 1,) rows where the clusters begin, and the end
     tall: Float64  # (K, 3) the same of points above the height up to which they are clustered
 
+    @cached_property
+    def low_high_m(self) -> tuple[Float64, Float64]:
+        """Heights (M,) of the lowest and of the highest point of each cluster [m]."""
+        height, begin = self.xy_height[self.first[0] :, 2], self.first[:-1] - self.first[0]
+        return np.minimum.reduceat(height, begin), np.maximum.reduceat(height, begin)
+
 
 def features(standing: Standing, rectangles: Float64) -> Float64:
     """Describe clusters by `FEATURES` (M, F); `rectangles` (M, 6) are those of `fit_rectangles`."""
@@ -90,7 +96,7 @@ def features(standing: Standing, rectangles: Float64) -> Float64:
     num = np.diff(first).astype(np.float64)
     height = standing.xy_height[first[0] :, 2]
     begin = first[:-1] - first[0]
-    bottom, top = np.minimum.reduceat(height, begin), np.maximum.reduceat(height, begin)
+    bottom, top = standing.low_high_m
     upper = np.add.reduceat((height > np.repeat((bottom + top) / 2, np.diff(first))).astype(np.float64), begin)
     extent = np.sort(rectangles[:, [2, 4]] - rectangles[:, [1, 3]], axis=1)
     over = measure_inside(standing.tall, rectangles, _OVER_MARGIN_M)
@@ -242,10 +248,9 @@ def classify_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes
 
 def _by_rules(seen: Seen, shape: CarShapeParams) -> tuple[Float64, Float64]:
     """How much clusters (M,) look like a car, in [0, 1], and how high they reach [m]."""
-    first = seen.standing.first
-    height = seen.standing.xy_height[first[0] :, 2]
-    bottom, top = (part.reduceat(height, first[:-1] - first[0]) for part in (np.minimum, np.maximum))
-    return plausibility(seen.rectangles, np.diff(first), bottom, top, seen.standing.tall, shape), top
+    bottom, top = seen.standing.low_high_m
+    num = np.diff(seen.standing.first)
+    return plausibility(seen.rectangles, num, bottom, top, seen.standing.tall, shape), top
 
 
 _RULES_SAY = 0.1
