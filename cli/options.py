@@ -50,6 +50,15 @@ Stamps = Annotated[
     str | None,
     Option(metavar="SOURCE", help="Use the stamps of the 'header' (default), or the recording times of the 'log'."),
 ]
+Condition = Annotated[
+    str,
+    Option(
+        metavar="NAME[.SENSORS][:LEVEL]",
+        help="Disturb the messages: fog:3, rain:25mmh+night, dropout.radar:1@5s-8s, or a TOML file; see fbench plugins "
+        "conditions.",
+    ),
+]
+Seed = Annotated[int, Option(metavar="N", help="Random seed of conditions.")]
 ReadAhead = Annotated[str, Option(metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")]
 InterpolateTruthMs = Annotated[
     float,

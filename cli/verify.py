@@ -41,6 +41,8 @@ def verify(
     sensors: options.Sensors = None,
     offset: options.Offset = None,
     stamps: options.Stamps = None,
+    condition: options.Condition = "",
+    seed: options.Seed = 0,
     json: options.Json = False,
 ) -> None:
     """Replay in fresh processes under other rates, containers, hash seeds and threads, and name what differs first."""
@@ -67,6 +69,8 @@ def verify(
         from_=from_,
         to=to,
         frames=frames,
+        condition=condition,
+        seed=seed,
     )
     with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
         found = verify_replay(request, repeat, quick, keep, progress)
