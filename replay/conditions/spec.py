@@ -29,10 +29,17 @@ def parse_conditions(text: str) -> tuple[Part, ...]:
     """Return the parts of `NAME[.SENSORS][:STRENGTH][@FROM-TO]`, joined by `+`, or of a TOML file; those of severity 0
     and `clear` are none. Raises ConfigError where a part can't be understood, with the nearest name.
     """
+    if not text:
+        return ()
     if text.endswith(".toml"):
         return _read_file(Path(text))
     parts = [_parse(part.strip(), text) for part in text.split("+")]
     return tuple(part for part in parts if part is not None)
+
+
+def has_strength(text: str) -> bool:
+    """Tell whether a condition says how strong it is, in any of its parts, or is a file that does."""
+    return text.endswith(".toml") or any(_STRENGTH.search(_WINDOW.sub("", part.strip())) for part in text.split("+"))
 
 
 def _parse(text: str, whole: str) -> Part | None:

@@ -160,7 +160,7 @@ def make_disturbance(source: LogSource, condition: str, seed: int) -> Disturbanc
     """
     if not 0 <= seed < 2**63:
         raise ConfigError(f"--seed {seed}: expected 0 to 2^63 - 1")
-    parts = parse_conditions(condition) if condition else ()
+    parts = parse_conditions(condition)
     return Disturbance(parts, seed, source.span()) if parts else Disturbance()
 
 
