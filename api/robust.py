@@ -93,6 +93,7 @@ class RobustSuite:
             if names.setdefault(log.stem, log) != log:
                 raise ConfigError(f"two logs are called '{log.stem}'; rename one, results are listed by name")
         for request in self.requests:
+            request.resolve()  # so that a wrong option is found before anything runs
             yield self._cell(request, CLEAR, "")
             for condition, severity, text in self._texts(request):
                 yield self._cell(replace(request, condition=text), condition, severity)
@@ -100,20 +101,19 @@ class RobustSuite:
     def _texts(self, request: ReplayRequest) -> Iterator[tuple[str, str, str]]:
         for condition in self.conditions:
             own = ("",) if has_strength(condition) else self.severities
-            why = self._why_unfit(request, with_severity(condition, own[0]))
+            why = self._why_unfit(request, condition, own[0])
             if why is not None:
                 self.left_out[f"{condition} on {request.log.path.stem}"] = why
                 continue
             yield from ((condition, severity, with_severity(condition, severity)) for severity in own)
 
-    def _why_unfit(self, request: ReplayRequest, text: str) -> str | None:
-        """Say why a condition of a suite doesn't fit a log. Raises FbenchError where it was asked for."""
-        parts = parse_conditions(text)
+    def _why_unfit(self, request: ReplayRequest, condition: str, severity: str) -> str | None:
+        """Say why a condition of a suite doesn't fit a log. Raises ConfigError and LogError where it was asked for."""
+        parts, source = parse_conditions(with_severity(condition, severity)), log_source(request.log)
         try:
-            log = log_source(request.log).open(FaultLog())
-            Disturbance(parts, request.seed, log_source(request.log).span()).require_fits(log.rig)
+            Disturbance(parts, request.seed, source.span()).require_fits(source.open(FaultLog()).rig)
         except (ConfigError, LogError) as error:
-            if text.partition(":")[0] in self.asked:
+            if condition in self.asked:
                 raise
             return str(error)
         return None

@@ -8,6 +8,7 @@ from tests.city_log import write_city_log
 from fbench.api.robust import SUITES, parse_severities
 from fbench.replay.conditions.spec import parse_conditions
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.scores import load_scores
 
 CELLS = ("--condition", "loss", "--condition", "delay.lidar:3", "--severity", "1,5")
 
@@ -43,8 +44,7 @@ def test_the_matrix_is_that_of_single_replays_and_comes_back(fbench, city):
         for cell in (("clear", ""), ("loss", "1"), ("loss", "5"), ("delay.lidar:3", ""))
     ]
     assert fbench("replay", city, "-p", "lidar3d", "--condition", "loss:5", "-o", "one").code == 0
-    one = fbench("score", "one", "--json").json()
-    f1 = next(row["value"] for row in one if row["metric"] == "f1")
+    f1 = next(row.value for row in load_scores(Path("one/scores.json")) if row.metric == "f1")
     assert value(content["tables"]["robustness_f1"], "loss 5", "lidar3d") == pytest.approx(f1)
     # A LiDAR that comes 100 ms late is in no frame; the radar doesn't care.
     assert value(content["tables"]["robustness_f1_change"], "delay.lidar:3", "lidar3d") == -1
