@@ -1,6 +1,7 @@
 """Runs: replay a log, open a run as tables, compare runs, verify a replay, and write reports."""
 
 import json
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -240,7 +241,9 @@ def replay(
         give_log(pipeline, name, lambda: options.log.open(faults))
         with open_ahead(options.log.open, faults, options.read_ahead) as reader:
             log = public_name(reader.info) if request.redact else reader.info.name
-            folder = request.out or Path("runs") / f"{log}-{name.replace('/', '-')}"
+            under = "".join(f"-{part}" for part in options.disturbance.parts)
+            under = re.sub(r"[^\w.-]+", "", under.replace(" ", "-"))
+            folder = request.out or Path("runs") / f"{log}-{name.replace('/', '-')}{under}"
             replay_plan(reader, plan, folder, faults, request.overwrite, complete)
     run = Run(folder)
     if request.report:
@@ -265,7 +268,8 @@ def make_plan(options: ReplayOptions, pipeline: Pipeline, name: str, parameters:
     """Plan a replay in lockstep, with all options that decide what the pipeline gets of the log."""
     inputs, truth = options.log.input_entries(), options.log.truth_entry()
     selection = options.sync, options.stamps, options.excerpt, options.log.topics, options.sensors
-    return Plan(pipeline, name, parameters, *selection, inputs=inputs, truth=truth)
+    disturbance = options.disturbance
+    return Plan(pipeline, name, parameters, *selection, inputs=inputs, truth=truth, disturbance=disturbance)
 
 
 def name_pipeline(request: ReplayRequest) -> str:

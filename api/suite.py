@@ -21,6 +21,7 @@ from typing import Self
 from pydantic import TypeAdapter
 
 from fbench.api.cells import RESPONSE, RUN_SEAL, CellResult, Response, folder_of, is_sealed_run, seal_run
+from fbench.replay.conditions.spec import parse_conditions
 from fbench.replay.contracts.errors import ConfigError, FbenchError, one_line
 from fbench.replay.contracts.plugins import pipeline_class, pipeline_parameters
 from fbench.replay.contracts.protocols import KeepsStderr
@@ -115,7 +116,7 @@ FORMAT = 1  # Of what is written about a run's content; another number replays a
 _OWN = "fbench"
 _OPTIONS_OF_RUN = (
     "detect_every", "reference", "timeout_ms", "tolerance_ms", "max_gap_s", "offset", "stamps", "from_", "to", "frames",
-    "interpolate_truth_ms", "on_fault", "fault_budget", "redact",
+    "interpolate_truth_ms", "on_fault", "fault_budget", "redact", "seed",
 )  # fmt: skip
 """Fields of a request that decide what its run holds, beside those that are digested."""
 _PACKAGES = ("fbench.replay", "fbench.pipelines", "fbench.metrics", "fbench.api", "fbench.cli")
@@ -156,6 +157,10 @@ class Contents:
             "source": self._source(cls),
             "parameters": pipeline_parameters(cell.pipeline, list(cell.settings)),
             "sensors": sensors_of(cell.pipeline, make_sensors(cell.sensors)),
+            "conditions": [
+                [part.id, dict(part.level), part.sensors, part.from_ns, part.to_ns, self._source(type(part.condition))]
+                for part in parse_conditions(cell.condition)
+            ],
             "options": {name: getattr(cell, name) for name in _OPTIONS_OF_RUN},
             "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
             "media": not cell.no_media,

@@ -25,7 +25,7 @@ from fbench.api.runs import replay
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
-from fbench.metrics.robustness import ScoredRun, pool
+from fbench.metrics.robustness.scenes import ScoredRun, pool
 from fbench.replay.conditions.generators import generator
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest

@@ -23,6 +23,7 @@ from fbench.cli import (
     plugins,
     replay,
     report,
+    robust,
     score,
     verify,
     weights,
@@ -45,6 +46,7 @@ app.command("replay", epilog=examples("replay"))(replay.replay)
 app.command("score", epilog=examples("score"))(score.score)
 app.command("report", epilog=examples("report"))(report.report)
 app.command("compare", epilog=examples("compare"))(compare.compare)
+app.command("robust", epilog=examples("robust"))(robust.robust)
 app.command("verify", epilog=examples("verify"))(verify.verify)
 app.command("plugins", epilog=examples("plugins"))(plugins.plugins)
 log = typer.Typer(help="Inspect, check, convert, import, export, and simulate logs.", no_args_is_help=True)

@@ -116,7 +116,7 @@ def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]])
     """Put all runs together into the thesis's tables."""
     from fbench.metrics.experiment import accuracy_table, condition_table, latency_table, robustness_table
     from fbench.metrics.latency import count_frames, warm_up_frames
-    from fbench.metrics.robustness import ScoredRun
+    from fbench.metrics.robustness.scenes import ScoredRun
 
     runs = [(drive, result.cell.pipeline, Run(result.folder)) for drive, result in done if result.has_run]
     scored = [ScoredRun(pipeline, drive.condition, drive.scene, run.scores) for drive, pipeline, run in runs]

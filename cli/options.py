@@ -50,6 +50,15 @@ Stamps = Annotated[
     str | None,
     Option(metavar="SOURCE", help="Use the stamps of the 'header' (default), or the recording times of the 'log'."),
 ]
+Condition = Annotated[
+    str,
+    Option(
+        metavar="NAME[.SENSORS][:LEVEL]",
+        help="Disturb the messages: fog:3, rain:25mmh+night, dropout.radar:1@5s-8s, or a TOML file; see fbench plugins "
+        "conditions.",
+    ),
+]
+Seed = Annotated[int, Option(metavar="N", help="Random seed of conditions.")]
 ReadAhead = Annotated[str, Option(metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")]
 InterpolateTruthMs = Annotated[
     float,
@@ -128,6 +137,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench replay log.mcap -p 'exec:./my_stack --fast' --truth labels.csv",
         "fbench replay log.mcap -p recorded:/perception/tracks",
         "fbench replay log.mcap -p radar3d --decoder acme.py:targets",
+        "fbench replay log.mcap -p late3d --condition fog:3+dropout.radar:1 --seed 7",
     ),
     "score": (
         "fbench score runs/log-lidar3d",
@@ -142,6 +152,11 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     ),
     "report": ("fbench report runs/log-lidar3d", "fbench report runs/log-lidar3d runs/log-late3d -o both.html"),
     "compare": ("fbench compare runs/base runs/head", "fbench compare runs/base runs/head --tolerance 0.01"),
+    "robust": (
+        "fbench robust log.mcap -p late3d,lidar3d",
+        "fbench robust log.mcap -p late3d --suite faults --severity 3",
+        "fbench robust a.mcap b.mcap -p late3d -p radar3d --condition fog:150m --condition dropout.lidar -o runs/mine",
+    ),
     "verify": (
         "fbench verify log.mcap -p lidar3d",
         "fbench verify log.mcap -p my_pipeline.py:MyPipeline --quick --repeat 3 --frames :50",
@@ -150,6 +165,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench plugins",
         "fbench plugins pipelines late3d",
         "fbench plugins decoders",
+        "fbench plugins conditions lidar.fog",
         "fbench plugins metrics hota",
         "fbench plugins profiles kitti-3dmot",
     ),

@@ -41,6 +41,8 @@ def replay(
     sensors: options.Sensors = None,
     offset: options.Offset = None,
     stamps: options.Stamps = None,
+    condition: options.Condition = "",
+    seed: options.Seed = 0,
     read_ahead: options.ReadAhead = "auto",
     on_fault: Annotated[
         str, Option(metavar="HOW", help="'strict': exit 4 if data were lost; 'tolerant': only count it.")
@@ -91,6 +93,8 @@ def replay(
         from_=from_,
         to=to,
         frames=frames,
+        condition=condition,
+        seed=seed,
         interpolate_truth_ms=interpolate_truth_ms,
         out=out,
         overwrite=overwrite,

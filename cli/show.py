@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import Exit
 
-from fbench.replay.data.scores import Results, Score, format_number
+from fbench.replay.data.scores import Results, Score, format_figure
 from fbench.replay.runs.secrets import without_secrets
 
 _COUNTS = ("idsw",)
@@ -156,7 +156,8 @@ def fault_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-_ON_TERMINAL = ("accuracy", "robustness", "latency")  # The others are in the files
+_ON_TERMINAL = ("accuracy", "robustness", "robustness_aggregates", "robustness_f1_change", "recovery", "latency")
+"""The others are in the files."""
 
 
 def show_results(results: Results) -> None:
@@ -169,7 +170,7 @@ def show_results(results: Results) -> None:
         names = ["", ""] if table.has_spaces else [""]
         grid = make_table(*names, *(column.name for column in table.columns), right=[c.name for c in table.columns])
         for line in table.lines:
-            cells = (format_number(f.value, c.kind) for f, c in zip(line.figures, table.columns, strict=True))
+            cells = (format_figure(f, c.kind) for f, c in zip(line.figures, table.columns, strict=True))
             grid.add_row(*((line.name, line.space) if table.has_spaces else (line.name,)), *cells)
         out.print(grid)
         if table.name != "latency":  # a stage that a pipeline hasn't needs no reason

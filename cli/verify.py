@@ -43,6 +43,8 @@ def verify(
     stamps: options.Stamps = None,
     isolate: options.Isolate = False,
     frame_timeout_s: options.FrameTimeoutS = 10.0,
+    condition: options.Condition = "",
+    seed: options.Seed = 0,
     json: options.Json = False,
 ) -> None:
     """Replay in fresh processes under other rates, containers, hash seeds and threads, and name what differs first."""
@@ -71,6 +73,8 @@ def verify(
         frames=frames,
         isolate=isolate,
         frame_timeout_s=frame_timeout_s,
+        condition=condition,
+        seed=seed,
     )
     with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
         found = verify_replay(request, repeat, quick, keep, progress)

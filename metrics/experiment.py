@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from fbench.metrics.latency import stage_latency
-from fbench.metrics.robustness import CLEAR, ScoredRun, Space, change, pool, spaces_of
+from fbench.metrics.robustness.scenes import CLEAR, ScoredRun, Space, change, pool, spaces_of
 from fbench.replay.data.scores import Column, Figure, Line, ResultTable
 
 

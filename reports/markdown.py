@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, format_number
+from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, format_figure, format_number
 
 
 def markdown(results: Results) -> str:
@@ -30,7 +30,7 @@ def _table(table: ResultTable) -> Iterator[str]:
 
     def show(figure: Figure, kind: Kind) -> str:
         beside = "" if figure.published is None else f" ({format_number(figure.published, kind)})"
-        return format_number(figure.value, kind) + beside
+        return format_figure(figure, kind) + beside
 
     yield from (f"## {table.title}", "")
     yield row("configuration", *(["space"] * table.has_spaces), *(column.name for column in table.columns))

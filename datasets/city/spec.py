@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from fbench.datasets.city.rig import RigSpec, thesis_rig
-from fbench.replay.conditions.weather import Weather
+from fbench.replay.conditions.weather import Weather, combine
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.metadata import REFERENCE, SIMULATED
 
@@ -56,10 +56,7 @@ def condition(text: str) -> Condition:
         if names.count(name) > 1:
             raise ConfigError(f"--condition {text}: '{name}' comes twice")
     parts = [CONDITIONS[name] for name in names]
-    weathers = [part.weather for part in parts]
-    lowest = min(weathers, key=lambda weather: weather.sun_elevation_deg)
-    visibility_m, rain_mm_h = min(w.visibility_m for w in weathers), max(w.rain_mm_h for w in weathers)
-    weather = replace(lowest, visibility_m=visibility_m, rain_mm_h=rain_mm_h, lux=min(w.lux for w in weathers))
+    weather = combine([part.weather for part in parts])
     return Condition("+".join(names), weather, any(part.is_dense for part in parts))
 
 
@@ -105,7 +102,8 @@ class CitySpec:
     @property
     def metadata(self) -> dict[str, str]:
         """What the log says of its making."""
-        weather, lidars = asdict(self.condition.weather), sorted(self.rig.lidars.items())
+        shown = [f.name for f in fields(Weather) if f.repr]
+        weather, lidars = self.condition.weather, sorted(self.rig.lidars.items())
         return {
             "dataset": "fbench city (simulated)",
             "licence": "made by fbench; free of rights",
@@ -116,7 +114,7 @@ class CitySpec:
             "seed": str(self.seed),
             REFERENCE: self.rig.reference,
             "stamps": "when measured; a LiDAR's when its turn ends",
-            **{f"weather.{name}": np.format_float_positional(value, trim="-") for name, value in weather.items()},
+            **{f"weather.{n}": np.format_float_positional(getattr(weather, n), trim="-") for n in shown},
             **{f"lidar.{name}.motion": "in the sweep" if s.motion else "frozen at the stamp" for name, s in lidars},
         }
 

@@ -78,11 +78,23 @@ def intervals_of_run(
     cut = cut_run(shared, LEAST_UNITS)
     if isinstance(cut, str):
         return [_say(row, cut, (*RATES, *OF_TRACKS)) for row in rows]
+    tables = measure_pieces(shared, cut, options, match)
+    metrics = RATES if cut.cuts_tracks else (*RATES, *OF_TRACKS)
+    rows = combine.copy_intervals(combine.resample(tables, how, cut.unit, metrics), rows)
+    return [_say(row, f"{cut.unit} cut tracks", OF_TRACKS) for row in rows] if cut.cuts_tracks else rows
+
+
+def measure_pieces(
+    shared: SharedRun, cut: Pieces, options: ScoreOptions, match: Match | None = None
+) -> dict[str, RunTable]:
+    """Return the statistics of each piece of a run by its number, as text that sorts. Raises MetricError where an id
+    occurs twice in one frame.
+    """
     detections, tracks = (
         zip(*(cut.views(view) for view in views(shared, table, options, match)), strict=True)
         for table in (shared.detections, shared.tracks)
     )
-    tables = {
+    return {
         f"{number:06d}": RunTable(
             measure_classes(found, shared.detections, detection_counts, DetectionCounts()),
             measure_tracks(shared, tracked),
@@ -90,9 +102,6 @@ def intervals_of_run(
         )
         for number, (found, tracked) in enumerate(zip(detections, tracks, strict=True))
     }  # fmt: skip
-    metrics = RATES if cut.cuts_tracks else (*RATES, *OF_TRACKS)
-    rows = combine.copy_intervals(combine.resample(tables, how, cut.unit, metrics), rows)
-    return [_say(row, f"{cut.unit} cut tracks", OF_TRACKS) for row in rows] if cut.cuts_tracks else rows
 
 
 def _say(row: Score, why: str, metrics: Sequence[str]) -> Score:

@@ -79,7 +79,7 @@ class WatchedReader:
         """Ground truth."""
         return self._reader.truths()
 
-    def messages(self) -> Iterator[Message | RigChange]:
+    def messages(self) -> Iterator[Message | RigChange | Tick]:
         """All messages."""
         return self._watch(self._reader.messages())
 

@@ -1,11 +1,12 @@
 """One physical weather, and the equations by which every sensor obeys it: attenuation of light and radar waves."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from math import log
 
 import numpy as np
 
-from fbench.replay.conditions.lidar import FogReturn, fog_return
+from fbench.replay.conditions.lidar.echoes import FogReturn, fog_return
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array
 
@@ -13,6 +14,8 @@ CLEAR_MOR_M = 20_000.0  # Visibility of clear air [m]: 20 km, where haze is no l
 _LIMITS = {
     "visibility_m": (10.0, 100_000.0),
     "rain_mm_h": (0.0, 300.0),
+    "snow_mm_h": (0.0, 300.0),
+    "water_mm": (0.0, 100.0),
     "lux": (0.0, 150_000.0),
     "sun_elevation_deg": (-90.0, 90.0),
     "sun_azimuth_deg": (-360.0, 360.0),
@@ -28,6 +31,10 @@ class Weather:
     100,000; clear 20,000, mist 2,000, fog below 1,000 (WMO), dense fog 50 to 200."""
     rain_mm_h: float = 0.0
     """Rain rate [mm/h], 0 to 300; light below 2.5, heavy from 10, violent from 50 (AMS, WMO)."""
+    snow_mm_h: float = field(default=0.0, repr=False)  # Left out of the text that ids of simulated logs are made of
+    """Snowfall as the rate of rain of equal water [mm/h], 0 to 300; light below 2.5."""
+    water_mm: float = field(default=0.0, repr=False)
+    """Depth of the water on the ground [mm], 0 to 100; a wet road has 0.2 to 1.2."""
     lux: float = 50_000.0
     """Illuminance of a horizontal plane outdoors [lx], 0 to 150,000: 100,000 in full sun, 50,000 a clear day, 10,000
     overcast, 400 sunrise, 10 a lit street by night, 0.3 full moon."""
@@ -37,11 +44,26 @@ class Weather:
     """From the world's x axis towards y, -360 to 360."""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value, (low, high) = getattr(self, field.name), _LIMITS[field.name]
+        for name in (f.name for f in fields(self)):
+            value, (low, high) = getattr(self, name), _LIMITS[name]
             if not low <= value <= high:  # also where it isn't a number
-                raise ConfigError(f"Weather.{field.name}: expected {low:g} to {high:g}, got {value!r}")
-            object.__setattr__(self, field.name, float(value))  # 5 and 5.0 are written down alike
+                raise ConfigError(f"Weather.{name}: expected {low:g} to {high:g}, got {value!r}")
+            object.__setattr__(self, name, float(value))  # 5 and 5.0 are written down alike
+
+
+def combine(weathers: Sequence[Weather]) -> Weather:
+    """Return the mixture of several weathers: the shortest visibility, the most rain, snow and water, the least light
+    and the lowest sun.
+    """
+    lowest = min(weathers, key=lambda weather: weather.sun_elevation_deg)
+    return replace(
+        lowest,
+        visibility_m=min(w.visibility_m for w in weathers),
+        rain_mm_h=max(w.rain_mm_h for w in weathers),
+        snow_mm_h=max(w.snow_mm_h for w in weathers),
+        water_mm=max(w.water_mm for w in weathers),
+        lux=min(w.lux for w in weathers),
+    )
 
 
 def koschmieder_per_m(visibility_m: float) -> float:

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
 
+from fbench.replay.contracts.conditions import Condition, MakesWeather
 from fbench.replay.contracts.decoders import Decoder
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, RunError, did_you_mean, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
@@ -92,7 +93,7 @@ def _clean(text: str) -> str:
     return re.sub(r"[^\w.-]+", "_", text).strip("_.-")[:_MAX_CHARS]
 
 
-Group = Literal["datasets", "decoders", "pipelines", "metrics", "profiles", "reports"]
+Group = Literal["conditions", "datasets", "decoders", "pipelines", "metrics", "profiles", "reports"]
 
 
 def entry_points_of(group: Group) -> dict[str, EntryPoint]:
@@ -313,6 +314,18 @@ def make_importer(name: str, settings: list[str]) -> Importer:
     """
     importer, _ = _make_plugin("dataset", name, load("datasets", name), ("names", "recordings"), settings)
     return importer  # type: ignore[no-any-return]
+
+
+def make_condition(name: str) -> Condition:
+    """Make the condition of an entry point, or that of `FILE.py:CLASS`. Raises ConfigError for an unknown name, or a
+    class that isn't a condition.
+    """
+    cls = load("conditions", name)
+    condition, _ = _make_plugin("condition", name, cls, (), [])
+    lacking = [field for field in ("version", "kinds", "levels") if field not in dir(condition)]
+    if lacking or not (isinstance(condition, MakesWeather) or callable(getattr(condition, "disturb", None))):
+        raise ConfigError(f"condition '{name}' isn't one: it lacks {', '.join(lacking) or 'disturb()'}")
+    return condition  # type: ignore[no-any-return]
 
 
 def _make_plugin(what: str, name: str, cls: type, methods: tuple[str, ...], settings: list[str]) -> tuple[Any, Any]:

@@ -31,9 +31,9 @@ class Reader(Protocol):
     def poses(self) -> tuple[str, ...]:
         """Names of the streams of poses, which frames wait for like for sensors."""
 
-    def messages(self) -> Iterator[Message | RigChange]:
+    def messages(self) -> Iterator[Message | RigChange | Tick]:
         """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream). Between them come the
-        changes of the rig.
+        changes of the rig, and where conditions change the times of a sensor, its instants as they were recorded.
         """
 
     def events(self) -> Iterator[Message | RigChange | Tick]:

@@ -145,6 +145,9 @@ class Figure:
     """Raw counts that it comes from."""
     published: float | None = None
     """The same number as the source system's authors give it."""
+    low: float | None = None
+    """Ends of the confidence interval, where there is one."""
+    high: float | None = None
 
 
 @dataclass(frozen=True)
@@ -225,11 +228,20 @@ def format_count(num: int, noun: str, plural: str = "", is_estimate: bool = Fals
     return f"{'≈' if is_estimate else ''}{num} {noun if num == 1 else plural or f'{noun}s'}"
 
 
+def format_figure(figure: Figure, kind: Kind) -> str:
+    """A number with its interval in brackets, where it has one: `-12.5 (-15.1 to -9.8)`."""
+    text = format_number(figure.value, kind)
+    if figure.low is None or figure.high is None:
+        return text
+    return f"{text} ({format_number(figure.low, kind)} to {format_number(figure.high, kind)})"
+
+
 def table_rows(table: ResultTable) -> list[dict[str, object]]:
     """Return a table's figures as rows for JSON."""
     return [
         {"name": line.name, "space": line.space, "column": column.name, "value": figure.value,
-         "reason": figure.reason, "published": figure.published, "counts": dict(figure.counts)}
+         "reason": figure.reason, "published": figure.published, "counts": dict(figure.counts),
+         **({} if figure.low is None else {"low": figure.low, "high": figure.high})}
         for line in table.lines
         for column, figure in zip(table.columns, line.figures, strict=True)
     ]  # fmt: skip

@@ -57,6 +57,7 @@ class FrameStream:
         self._num_released = 0
         self._stop, self._is_pacing = excerpt.stop, excerpt.is_whole
         self._instants: list[Instant] = []
+        self._ticking: set[str] = set()  # Sensors whose instants come apart from their messages, which were disturbed
         self.poses = FramePoses(min(reader.poses, default=None))  # Of all frames that were opened
         self.skipped = SkippedMessages(sync.tolerance_ns)
         self.num_between = 0
@@ -105,7 +106,7 @@ class FrameStream:
                 self._faults.add("CAL002", f"{recorded.reason} at {recorded.log_ns} ns")
                 self.rigs[self.buffer.segment] = recorded.rig
                 self.rig = recorded.rig.without(self._left_out)
-            elif isinstance(recorded, Tick):
+            elif isinstance(recorded, Tick) and recorded.sensor == BOXES:
                 yield from self._take(recorded, recorded)
             else:
                 yield from self._take(recorded, self._stamps.restamp(recorded))
@@ -124,7 +125,9 @@ class FrameStream:
         yield from self.buffer.advance(message.log_ns)
         if isinstance(message, Pose):
             self.poses.add(message)
-        if message.sensor == self.reference:
+        if isinstance(message, Tick):
+            self._ticking.add(message.sensor)
+        if message.sensor == self.reference and (isinstance(message, Tick) or message.sensor not in self._ticking):
             yield from self._open(recorded, message)
         if self._is_pacing:
             self._clock.wait_until(message.log_ns)

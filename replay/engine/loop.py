@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
+from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.errors import INTERRUPTS, LogError, MissingPackageError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guard
@@ -18,6 +20,7 @@ from fbench.replay.contracts.protocols import NeedsSensors, Pipeline, Reader, Te
 from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.scores import format_count
+from fbench.replay.data.rig import Rig
 from fbench.replay.engine.absence import LEAST_FRAMES, Absence, Absences, Shortage, find_shortage, require_any
 from fbench.replay.engine.cleaning import OutputCheck
 from fbench.replay.engine.clock import Clock
@@ -52,6 +55,7 @@ class Plan:
     """Patterns of the sensors that the pipeline gets, see `contracts.sensor_settings`; empty: all."""
     variant: manifest.VariantEntry | None = None  # Which variant the pipeline is, for the manifest
     inputs: Sequence[manifest.InputEntry] = ()  # Files that decided how it was read, for the manifest
+    disturbance: Disturbance = field(default_factory=Disturbance)  # What disturbs the messages
     truth: manifest.TruthEntry | None = None  # The file that truth comes from, for the manifest
     max_between_ns: int = 0
     """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
@@ -79,8 +83,11 @@ def replay(
     scores for instance, before it gets its name. Raises ConfigError where the folder exists or can't be written,
     LogError where the log can't be used by this pipeline, RunError where the pipeline keeps failing.
     """
+    effects = Effects()
+    if plan.disturbance:
+        reader = DisturbedReader(reader, plan.disturbance, effects)
     with RunWriter(folder, overwrite) as writer, closing(WarmUp()) as warm_up:
-        loop = _Loop(reader, plan, faults, writer, warm_up)
+        loop = _Loop(reader, plan, faults, writer, warm_up, effects)
         loop.start()
         for num_frames, frame in enumerate(loop.stream.frames(reader), 1):
             loop.step(frame)
@@ -93,8 +100,11 @@ def replay(
 class _Loop:
     """The state of one replay."""
 
-    def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter, warm_up: WarmUp) -> None:
+    def __init__(
+        self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter, warm_up: WarmUp, effects: Effects
+    ) -> None:
         self._plan, self._faults, self._writer, self._warm_up = plan, faults, writer, warm_up
+        self._effects = effects
         params = (plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors, plan.max_between_ns)
         self.stream = FrameStream(reader, *params)
         self._rig, self._info = self.stream.rig, reader.info
@@ -117,12 +127,16 @@ class _Loop:
                 )
         try:
             with guard(f"pipeline '{self._plan.name}' can't start"):
-                self._plan.pipeline.start(self._rig, self._info)
+                self._plan.pipeline.start(self._told_rig(), self._info)
         except LogError as error:
             if self._plan.variant is None:
                 raise
             base = self._plan.variant.base
             raise LogError(f"{error}; {self._plan.name} is a variant of {base}", error.code) from error
+
+    def _told_rig(self) -> Rig:
+        """The rig that the pipeline is told, maybe disturbed; results are judged by the true one."""
+        return self._plan.disturbance.rig(self._rig, self._info.log_id)
 
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
@@ -176,8 +190,8 @@ class _Loop:
         pipeline = self._plan.pipeline
         try:
             if self._rig is not self.stream.rig:
-                pipeline.start(self.stream.rig, self._info)
                 self._rig = self.stream.rig
+                pipeline.start(self._told_rig(), self._info)
             if frame.segment != self._segment:  # a segment begins, or an excerpt in the middle of one
                 is_first, self._segment = self._segment is None, frame.segment
                 if frame.index:
@@ -255,6 +269,7 @@ class _Loop:
         """Count the sensors that the pipeline needs and hardly any frame has as data that were lost."""
         pipeline, records = self._plan.pipeline, self._writer.records
         is_enough = self._plan.excerpt.is_whole or len(records) >= LEAST_FRAMES
+        is_enough = is_enough and not self._plan.disturbance  # what conditions take away isn't lost
         if not isinstance(pipeline, NeedsSensors) or not is_enough:
             return
         arrivals = self.stream.buffer.counts.arrivals
@@ -299,6 +314,9 @@ class _Loop:
             parameters={**plan.parameters, **identity},
             variant=plan.variant,
             frames=frames,
+            conditions=[manifest.condition_entry(part) for part in plan.disturbance.parts],
+            seed=plan.disturbance.seed if plan.disturbance else None,
+            effects=self._effects.rows(),
             inputs=list(plan.inputs),
             truth=plan.truth,
             interpolation=manifest.InterpolationEntry(max_gap_ns=plan.max_between_ns, num_frames=stream.num_between),

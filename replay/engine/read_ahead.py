@@ -130,7 +130,7 @@ class _AheadReader:
             self._staged.pass_to(self._faults)
         return value
 
-    def messages(self) -> Iterator[Message | RigChange]:
+    def messages(self) -> Iterator[Message | RigChange | Tick]:
         """All messages of the log, read by a thread that ends with the iteration."""
         return self._ahead(self._reader.messages)
 

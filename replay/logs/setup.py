@@ -3,14 +3,15 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
-from fbench.replay.data.messages import Message
+from fbench.replay.data.messages import Message, Tick
 from fbench.replay.data.rig import Kind
 from fbench.replay.logs.codecs.plugin import NamedDecoder
 from fbench.replay.logs.rig_patch import RigPatch
 
+M = TypeVar("M", bound=Message | Tick)
 Doppler = Literal["receding", "approaching"]
 EgoMotion = Literal["included", "removed"]
 
@@ -74,8 +75,8 @@ class StampParams:
     offsets_ns: Mapping[str, int] = field(default_factory=dict)  # Added to the stamps of one sensor, by its name [ns]
     assumed: tuple[str, ...] = ()  # Sensors whose offset a configuration gives, which may be left out
 
-    def restamp(self, message: Message) -> Message:
-        """Return the message with the stamp that counts."""
+    def restamp(self, message: M) -> M:
+        """Return the message, or an instant of its sensor, with the stamp that counts."""
         stamp = message.log_ns if self.source == "log" else message.stamp_ns
         stamp += self.offsets_ns.get(message.sensor, 0)
         return message if stamp == message.stamp_ns else replace(message, stamp_ns=stamp)

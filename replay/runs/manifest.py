@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from fbench.replay.contracts.conditions import Part
 from fbench.replay.contracts.errors import RunError
 from fbench.replay.data.rig import CameraModel, Kind, LogInfo, Mount, Rig
 from fbench.replay.runs.secrets import clean_mapping
@@ -85,6 +86,18 @@ class FrameEntry(_Strict):
     """Which frames were replayed: `all`, or half-open ranges such as `from +5ns to 90ns frames 30:40`."""
 
 
+class ConditionEntry(_Strict):
+    """A condition that disturbed the messages."""
+
+    name: str
+    version: int
+    strength: str  # Severity 1 to 5, or a value such as `150m`
+    level: dict[str, float]
+    sensors: str = ""  # Kind, name or pattern; empty: all of the condition's kinds
+    from_s: float | None = None  # After the log's first message, in log time
+    to_s: float | None = None
+
+
 class InputEntry(_Strict):
     """A file beside the log that decided how it was read."""
 
@@ -129,6 +142,11 @@ class Manifest(_Strict):
     parameters: dict[str, Any]
     variant: VariantEntry | None = None  # `None`: the pipeline is none
     frames: FrameEntry
+    conditions: list[ConditionEntry] = []
+    seed: int | None = None  # Of the conditions' random numbers; `None`: there were none
+    effects: dict[
+        str, dict[str, int | float]
+    ] = {}  # What conditions changed, by sensor: counts, and sums of differences
     inputs: list[InputEntry] = []  # Files beside the log that decided how it was read
     truth: TruthEntry | None = None  # `None`: ground truth is the log's own
     interpolation: InterpolationEntry = InterpolationEntry()
@@ -172,6 +190,15 @@ def rig_entry(segment: int, rig: Rig) -> RigEntry:
         for n, c in sorted(rig.cameras.items())
     }
     return RigEntry(segment=segment, mounts=mounts, cameras=cameras)
+
+
+def condition_entry(part: Part) -> ConditionEntry:
+    """Return a condition in the manifest's form."""
+    begin, end = (None if ns is None else ns / 1e9 for ns in (part.from_ns, part.to_ns))
+    return ConditionEntry(
+        name=part.name, version=part.condition.version, strength=part.strength, level=dict(part.level),
+        sensors=part.sensors, from_s=begin, to_s=end,
+    )  # fmt: skip
 
 
 def save_manifest(path: Path, manifest: Manifest) -> None:

@@ -7,6 +7,8 @@ from typing import Self
 
 from pydantic import TypeAdapter
 
+from fbench.replay.conditions.disturb import Disturbance
+from fbench.replay.conditions.spec import parse_conditions
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultBudget, parse_budget
 from fbench.replay.contracts.plugins import pipeline_parameters
@@ -67,6 +69,10 @@ class ReplayRequest:
     """Instant at which to stop, itself excluded."""
     frames: str | None = None
     """Indices of the frames to replay, as `A:B`; B is excluded."""
+    condition: str = ""
+    """Disturbances of the messages, such as `fog:3+dropout.radar:1`, or a TOML file; empty: none."""
+    seed: int = 0
+    """Of the random numbers of conditions."""
     interpolate_truth_ms: float = 0.0
     """Frames without truth get it by interpolation between truths at most this far apart; 0: they don't."""
     out: Path | None = None
@@ -130,6 +136,7 @@ class ReplayRequest:
             source.sync_params(self.reference, self.timeout_ms, self.tolerance_ms, self.max_gap_s),
             source.stamps(self.stamps, self.offset),
             make_excerpt(self.from_, self.to, self.frames),
+            make_disturbance(source, self.condition, self.seed),
             make_max_between_ns(self.interpolate_truth_ms),
             tuple(sensors_of(self.pipeline, sensors) if self.pipeline else sensors),
             make_limit(self.read_ahead),
@@ -146,10 +153,21 @@ class ReplayOptions:
     sync: SyncParams
     stamps: StampParams
     excerpt: Excerpt
+    disturbance: Disturbance
     max_between_ns: int  # Frames between truths at most this far apart get truth by interpolation [ns]; 0: none does
     sensors: tuple[str, ...]
     read_ahead: int | None  # Messages to decode in advance; `None`: as many as fit into the memory set aside for it
     budget: FaultBudget
+
+
+def make_disturbance(source: LogSource, condition: str, seed: int) -> Disturbance:
+    """Read `--condition` and `--seed`, and when the log's messages were recorded where there are conditions. Raises
+    ConfigError where one can't be understood. Raises LogError where the log can't be used.
+    """
+    if not 0 <= seed < 2**63:
+        raise ConfigError(f"--seed {seed}: expected 0 to 2^63 - 1")
+    parts = parse_conditions(condition)
+    return Disturbance(parts, seed, source.span()) if parts else Disturbance()
 
 
 _ADAPTER = TypeAdapter(ReplayRequest)

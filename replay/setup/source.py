@@ -7,13 +7,16 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
+from fbench.replay.conditions.disturb import LogSpan
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.engine.frame_buffer import SyncParams, make_sync_params
 from fbench.replay.formats.rig_files import open_rig_file
 from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.codecs.plugin import NamedDecoder
-from fbench.replay.logs.open import open_log
+from fbench.replay.logs.open import open_log, read_log_times, span_ns
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import BoxSource, Setup, StampParams, make_stamp_params
 from fbench.replay.runs.manifest import InputEntry, TruthEntry
@@ -65,6 +68,16 @@ class LogSource:
     def open(self, faults: FaultLog) -> LogReader:
         """Open the log; see `open_log`."""
         return open_log(self.path, faults, self.topics, self.setup)
+
+    def span(self) -> LogSpan:
+        """When messages were recorded: the first, the last, and how often those of each sensor."""
+        log = self.open(FaultLog())
+        times = log.container.log_times() or read_log_times(log.container)
+        found = span_ns(log.container, times) or (0, 0)
+        gaps = {
+            role.sensor: np.diff(times[id_]) for id_, role in sorted(log.roles.items()) if len(times.get(id_, ())) > 1
+        }
+        return LogSpan(*found, {name: int(np.median(gap)) for name, gap in gaps.items()})
 
     def input_entries(self) -> list[InputEntry]:
         """Files that decide what a run holds, but truth, for its manifest. Raises ConfigError without the results."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, Score, format_number
+from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, Score, format_figure, format_number
 from fbench.replay.runs.folder import Run
 from fbench.reports.html.records import DASH, number
 
@@ -136,4 +136,10 @@ def _figure(figure: Figure, kind: Kind) -> dict[str, str]:
 
     published = "" if figure.published is None else show(figure.published)
     counts = " · ".join(f"{name.replace('_', ' ')} {num:g}" for name, num in figure.counts.items())
-    return {"text": show(figure.value), "published": published, "reason": figure.reason or "", "counts": counts}
+    text = format_figure(figure, kind)
+    return {
+        "text": text if text == DASH else text.replace("-", "\u2212"),
+        "published": published,
+        "reason": figure.reason or "",
+        "counts": counts,
+    }

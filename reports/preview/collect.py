@@ -16,7 +16,7 @@ from fbench.replay.contracts.protocols import Reader
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import Pixels
-from fbench.replay.data.messages import Message, Pose, Truth
+from fbench.replay.data.messages import Message, Pose, Tick, Truth
 from fbench.replay.data.rig import Mount, Rig, RigChange
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
@@ -229,9 +229,9 @@ class _Observed:
         self.arrivals: dict[str, Spread[tuple[int, int]]] = {}
         self.counts: Counter[str] = Counter()
 
-    def messages(self) -> Iterator[Message | RigChange]:
+    def messages(self) -> Iterator[Message | RigChange | Tick]:
         for message in self._reader.messages():
-            if not isinstance(message, RigChange):
+            if not isinstance(message, RigChange | Tick):
                 stamp_ns = self._stamps.restamp(message).stamp_ns
                 arrivals = self.arrivals.setdefault(message.sensor, Spread(MAX_TIMES))
                 arrivals.offer((stamp_ns, message.log_ns))

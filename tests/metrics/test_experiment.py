@@ -9,7 +9,7 @@ from fbench.metrics.experiment import (
     latency_table,
     robustness_table,
 )
-from fbench.metrics.robustness import ScoredRun
+from fbench.metrics.robustness.scenes import ScoredRun
 from fbench.replay.data.scores import Score
 
 SPACES = {"image": "iou 0.5, within 50 m", "3D": "bev 2 m, within 50 m"}

@@ -8,7 +8,7 @@ from fbench.datasets.city.instant import EGO, MISS, BodyStates, Hits, Rays
 from fbench.datasets.city.mesh import MATERIALS
 from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import LidarSpec
-from fbench.replay.conditions.lidar import SCATTERED, WEAKEST, fog_echoes, rain_echoes
+from fbench.replay.conditions.lidar.echoes import SCATTERED, WEAKEST, fog_echoes, rain_echoes
 from fbench.replay.conditions.weather import CLEAR_MOR_M, Weather, extinction_per_m, fog_extinction_per_m, fog_of
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, freeze_fields
 from fbench.replay.data.messages import PointCloud

@@ -11,7 +11,7 @@ from fbench.replay.check.log_check import CheckOptions, check_log
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import FrameRange, ImportRequest
 from fbench.replay.contracts.protocols import Reader
-from fbench.replay.data.messages import Image, Message, PointCloud, Truth
+from fbench.replay.data.messages import Image, Message, PointCloud, Tick, Truth
 from fbench.replay.data.rig import Rig, RigChange
 from fbench.replay.geometry.iou import corners, iou_2d
 from fbench.replay.geometry.transforms import inverse, transform
@@ -138,7 +138,7 @@ def with_rigs(reader: Reader) -> list[tuple[Message, Rig]]:
     for item in reader.messages():
         if isinstance(item, RigChange):
             rig = item.rig
-        else:
+        elif not isinstance(item, Tick):
             found.append((item, rig))
     return found
 

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.stats import beta
 
 from fbench.replay.conditions.generators import generator
-from fbench.replay.conditions.lidar import fog_echoes, fog_return
+from fbench.replay.conditions.lidar.echoes import fog_echoes, fog_return
 
 C = 299_792_458.0
 

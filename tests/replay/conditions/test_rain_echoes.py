@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.stats import ks_2samp
 
 from fbench.replay.conditions.generators import generator
-from fbench.replay.conditions.lidar import KEPT, LOST, SCATTERED, rain_echoes
+from fbench.replay.conditions.lidar.echoes import KEPT, LOST, SCATTERED, rain_echoes
 from fbench.replay.conditions.weather import rain_extinction_per_m
 
 FLOOR = 0.9 / 200**2

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fbench.metrics.robustness import ScoredRun, change, pool, spaces_of
+from fbench.metrics.robustness.scenes import ScoredRun, change, pool, spaces_of
 from fbench.replay.data.scores import Score
 
 IMAGE, GROUND = "iou 0.5, within 50 m", "bev 2 m, within 50 m, in view"

@@ -1,0 +1,1 @@
+"""Robustness: what conditions cost a pipeline."""

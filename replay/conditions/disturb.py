@@ -1,0 +1,329 @@
+"""Disturbing a log while it plays: a reader whose messages went through conditions."""
+
+import heapq
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+from fbench.replay.conditions.effects import Effects
+from fbench.replay.conditions.weather import combine
+from fbench.replay.conditions.weathers import disturb_by_weather
+from fbench.replay.contracts.conditions import (
+    MAX_HISTORY,
+    ChangesTimes,
+    DisturbsRig,
+    MakesWeather,
+    Measurement,
+    Need,
+    Part,
+    Site,
+    needs_of,
+)  # fmt: skip
+from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, LogError, RunError, one_line
+from fbench.replay.contracts.protocols import Reader
+from fbench.replay.contracts.sensor_settings import choose_sensors
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.images import decode
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Tick, Truth
+from fbench.replay.data.rig import KINDS, LogInfo, Rig, RigChange
+
+Event: TypeAlias = Message | RigChange | Tick
+
+_TRUTH_NS = 50_000_000  # Truth is of a message's instant up to this far away
+_CLOUD_NS = 300_000_000
+_RAW = "bgr8"
+
+
+@dataclass(frozen=True)
+class LogSpan:
+    """When the messages of a log were recorded."""
+
+    first_ns: int
+    last_ns: int
+    period_ns: Mapping[str, int] = field(default_factory=dict)  # Median, by sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """What disturbs a replay; without parts nothing does."""
+
+    parts: Sequence[Part] = ()
+    seed: int = 0
+    span: LogSpan = field(default_factory=lambda: LogSpan(0, 0))
+
+    def __bool__(self) -> bool:
+        return bool(self.parts)
+
+    def rig(self, rig: Rig, log_id: str) -> Rig:
+        """Return the rig that a pipeline is told. Raises RunError where a condition fails."""
+        result = rig
+        for part, sensors in self._scopes(rig):
+            if isinstance(part.condition, DisturbsRig):
+                for sensor in sensors:
+                    site = make_site(self, part.id, log_id, rig, sensor)
+                    with guard_condition(part.name):
+                        result = part.condition.disturb_rig(result, part.level, site)
+        return result
+
+    def require_fits(self, rig: Rig) -> None:
+        """Refuse what can't act on a log. Raises ConfigError where no sensor is in a part's scope, or its window lies
+        outside of the log. Raises LogError where the rig lacks what a condition needs.
+        """
+        seconds = (self.span.last_ns - self.span.first_ns) / 1e9
+        for part, sensors in self._scopes(rig):
+            if part.from_ns is not None and part.from_ns > self.span.last_ns - self.span.first_ns:
+                raise ConfigError(f"--condition {part}: the window begins after the log, which lasts {seconds:.3f} s")
+            if "calibration" in needs_of(part.condition) and not set(sensors) & set(rig.cameras):
+                raise LogError(f"condition {part} needs a calibrated camera", "COR002")
+
+    def _scopes(self, rig: Rig) -> Iterator[tuple[Part, tuple[str, ...]]]:
+        """Parts with the names of the sensors that they disturb. Raises ConfigError where there are none."""
+        for part in self.parts:
+            kinds = [KINDS[part.sensors]] if part.sensors in KINDS else list(part.condition.kinds)
+            names = rig.sensors(*(kind for kind in kinds if kind in part.condition.kinds))
+            if part.sensors and part.sensors not in KINDS:
+                try:
+                    names = choose_sensors(names, [part.sensors])
+                except ConfigError:
+                    names = ()
+            if not names:
+                there = ", ".join(rig.sensors("camera", "lidar", "radar"))
+                raise ConfigError(f"--condition {part}: the log has no such sensor; it has: {there}", "CFG001")
+            yield part, names
+
+    def steps(self, rig: Rig) -> dict[str, list["Step"]]:
+        """What acts on the messages of each sensor, in order: weathers of one scope and window as one."""
+        found: dict[str, list[Step]] = {}
+        for part, sensors in self._scopes(rig):
+            for sensor in sensors:
+                own = found.setdefault(sensor, [])
+                last = own[-1] if own else None
+                is_same = last is not None and last.is_weather and isinstance(part.condition, MakesWeather)
+                if is_same and last is not None and last.window == (part.from_ns, part.to_ns):
+                    own[-1] = Step((*last.parts, part))
+                else:
+                    own.append(Step((part,)))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One condition, or several weathers together."""
+
+    parts: tuple[Part, ...]
+
+    @property
+    def is_weather(self) -> bool:
+        """Whether it is weather."""
+        return isinstance(self.parts[0].condition, MakesWeather)
+
+    @property
+    def window(self) -> tuple[int | None, int | None]:
+        """When it acts [ns] after the log's first message."""
+        return self.parts[0].from_ns, self.parts[0].to_ns
+
+    @property
+    def id(self) -> str:
+        """What random numbers depend on."""
+        return "+".join(part.id for part in self.parts)
+
+    @property
+    def needs(self) -> set[Need]:
+        """What its parts need."""
+        return {need for part in self.parts for need in needs_of(part.condition)}
+
+    @property
+    def changes_times(self) -> bool:
+        """Whether it drops, delays or restamps messages."""
+        return any(isinstance(p.condition, ChangesTimes) and p.condition.changes_times for p in self.parts)
+
+    def holds(self, log_ns: int, first_ns: int) -> bool:
+        """Tell whether a message of this log time is within the window."""
+        at_ns, (from_ns, to_ns) = log_ns - first_ns, self.window
+        return (from_ns is None or at_ns >= from_ns) and (to_ns is None or at_ns < to_ns)
+
+    def apply(self, message: Measurement, site: Site) -> Sequence[Measurement]:
+        """Disturb a message. Raises RunError where the condition fails."""
+        part = self.parts[0]
+        with guard_condition(part.name):
+            if self.is_weather:
+                weathers = [p.condition.weather(p.level) for p in self.parts if isinstance(p.condition, MakesWeather)]
+                return (disturb_by_weather(message, combine(weathers), site),)
+            results = tuple(part.condition.disturb(message, part.level, site))
+            for result in results:
+                if type(result) is not type(message) or result.sensor != message.sensor:
+                    raise RunError(f"condition '{part.name}' gave {type(result).__name__} for {type(message).__name__}")
+            return results
+
+
+@contextmanager
+def guard_condition(name: str) -> Iterator[None]:
+    """Tell whatever a condition raises in one line, so that it never counts as clean data. Raises RunError."""
+    try:
+        yield
+    except (FbenchError, *INTERRUPTS):
+        raise
+    except BaseException as error:
+        raise RunError(f"condition '{name}' failed: {one_line(error)}", "COR001") from error
+
+
+def make_site(disturbance: Disturbance, condition: str, log_id: str, rig: Rig, sensor: str) -> Site:
+    """Return what a condition knows of a sensor before any message."""
+    span = disturbance.span
+    period_ns = span.period_ns.get(sensor, Site.period_ns)
+    key = (disturbance.seed, condition, log_id, sensor)
+    return Site(key, rig, sensor, rig.kinds[sensor], span.first_ns, span.last_ns, period_ns)
+
+
+class DisturbedReader:
+    """A log under conditions; implements `fbench.replay.contracts.protocols.Reader`.
+
+    Messages come in canonical order of when they are delivered. Where conditions change times, each message of the
+    sensor is preceded by a `Tick` as it was recorded, so that frames keep their instants. Truth, poses and the rig
+    stay as they are. Raises ConfigError and LogError as `Disturbance.require_fits` does.
+    """
+
+    def __init__(self, reader: Reader, disturbance: Disturbance, effects: Effects) -> None:
+        self._reader, self._disturbance, self._effects = reader, disturbance, effects
+        disturbance.require_fits(reader.rig)
+
+    @property
+    def info(self) -> LogInfo:
+        """Name, id and metadata."""
+        return self._reader.info
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors as the log begins."""
+        return self._reader.rig
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        """As recorded."""
+        return self._reader.num_messages
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses."""
+        return self._reader.poses
+
+    def truths(self) -> Iterator[Truth]:
+        """Ground truth."""
+        return self._reader.truths()
+
+    def messages(self) -> Iterator[Event]:
+        """All messages as they are delivered."""
+        return self._disturb(self._reader.messages)
+
+    def events(self) -> Iterator[Event]:
+        """The same with the instants of boxes."""
+        return self._disturb(self._reader.events)
+
+    def _disturb(self, read: Callable[[], Iterator[Event]]) -> Iterator[Event]:
+        state = _State(self._reader, self._disturbance, self._effects)
+        waiting: list[tuple[int, int, Event]] = []
+        num = 0
+        for recorded in read():
+            for item in state.take(recorded):
+                heapq.heappush(waiting, (max(item.log_ns, recorded.log_ns), num, item))
+                num += 1
+            while waiting and waiting[0][0] <= recorded.log_ns:
+                yield heapq.heappop(waiting)[2]
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+
+class _State:
+    """What is remembered from message to message."""
+
+    def __init__(self, reader: Reader, disturbance: Disturbance, effects: Effects) -> None:
+        self._disturbance, self._effects, self._log_id = disturbance, effects, reader.info.log_id
+        self._set_rig(reader.rig)
+        needs = {need for steps in self._steps.values() for step in steps for need in step.needs}
+        self._truths = list(reader.truths()) if "truth" in needs else []
+        self._require_truth("truth" in needs)
+        self._stamps = [truth.stamp_ns for truth in self._truths]
+        self._clouds: dict[str, PointCloud] = {}
+
+    def _set_rig(self, rig: Rig) -> None:
+        self._rig, self._steps = rig, self._disturbance.steps(rig)
+        self._ticking = {name for name, steps in self._steps.items() if any(step.changes_times for step in steps)}
+        self._history: dict[str, deque[Measurement]] = {name: deque(maxlen=MAX_HISTORY) for name in self._steps}
+
+    def _require_truth(self, is_needed: bool) -> None:
+        self._truths = [t for t in self._truths if t.boxes3d is not None and not t.in_world]
+        self._truths.sort(key=lambda truth: truth.stamp_ns)
+        if is_needed and not self._truths:
+            names = {str(p) for p in self._disturbance.parts if "truth" in needs_of(p.condition)}
+            raise LogError(f"condition {min(names)} needs 3D truth in body coordinates; the log has none", "COR002")
+
+    def take(self, recorded: Event) -> Iterator[Event]:
+        """Yield what becomes of a message, with its instant before it where conditions change times."""
+        if isinstance(recorded, RigChange):
+            self._set_rig(recorded.rig)
+        if isinstance(recorded, RigChange | Tick | Pose) or recorded.sensor not in self._steps:
+            if isinstance(recorded, PointCloud):
+                self._clouds[recorded.sensor] = recorded
+            yield recorded
+            return
+        if recorded.sensor in self._ticking:
+            yield Tick(recorded.sensor, recorded.stamp_ns, recorded.log_ns, recorded.frame_number)
+        results: list[Measurement] = [recorded]
+        for step in self._steps[recorded.sensor]:
+            if step.holds(recorded.log_ns, self._disturbance.span.first_ns):
+                site = self._site(step, recorded)
+                results = [item for result in results for item in self._apply(step, result, site)]
+        self._effects.add(recorded, results)
+        self._history[recorded.sensor].append(recorded)
+        if isinstance(recorded, PointCloud):
+            self._clouds[recorded.sensor] = recorded
+        yield from results
+
+    def _apply(self, step: Step, message: Measurement, site: Site) -> Sequence[Measurement]:
+        """Disturb a message; conditions get images as raw BGR, and none that can't be decoded. Raises LogError where
+        the message lacks what the condition needs.
+        """
+        lacking = [need for need in sorted(step.needs) if not _has(message, need)]
+        if lacking:
+            what = f"'{message.sensor}' has no {', '.join(lacking)}"
+            raise LogError(f"condition {step.parts[0]} can't act: {what}", "COR002")
+        if not isinstance(message, Image) or message.encoding == _RAW or step.changes_times:
+            return step.apply(message, site)
+        pixels = decode(message)
+        if pixels is None:
+            return (message,)
+        return step.apply(replace(message, data=pixels.tobytes(), encoding=_RAW, video=None), site)
+
+    def _site(self, step: Step, message: Measurement) -> Site:
+        site = make_site(self._disturbance, step.id, self._log_id, self._rig, message.sensor)
+        cloud = None
+        if isinstance(message, Image):
+            near = [c for _, c in sorted(self._clouds.items()) if abs(message.stamp_ns - c.stamp_ns) <= _CLOUD_NS]
+            cloud = max(near, key=lambda c: len(c.xyz), default=None)
+        history = tuple(self._history[message.sensor])
+        return replace(site, history=history, cloud=cloud, truth=self._truth(message.stamp_ns))
+
+    def _truth(self, stamp_ns: int) -> Boxes3D | None:
+        at = bisect_left(self._stamps, stamp_ns)
+        near = [t for t in self._truths[max(0, at - 1) : at + 1] if abs(t.stamp_ns - stamp_ns) <= _TRUTH_NS]
+        return min(near, key=lambda t: abs(t.stamp_ns - stamp_ns)).boxes3d if near else None
+
+
+def _has(message: Measurement, need: Need) -> bool:
+    """Tell whether a message has what a condition needs; what a log must have is found out elsewhere."""
+    match message, need:
+        case PointCloud(), "ring":
+            return message.ring is not None
+        case PointCloud(), "intensity":
+            return message.intensity is not None
+        case PointCloud(), "time":
+            return message.offset_ns is not None
+        case RadarScan(), "velocity":
+            return message.radial_velocity_mps is not None
+        case RadarScan(), "rcs":
+            return message.rcs_dbsm is not None
+        case _:
+            return True
