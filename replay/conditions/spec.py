@@ -58,16 +58,20 @@ def _make(where: str, text: str, strength: str, sensors: str, from_ns: int | Non
         raise ConfigError(f"{where}: the window ends at {to_ns / 1e9:g} s, before it begins")
     if text == CLEAR:
         return None
-    name, scope = _split_name(where, text)
+    name, scope = split_name(text, f"{where}: ")
     if scope and sensors:
         raise ConfigError(f"{where}: '{text}' names sensors already")
     condition = load_condition(name)
+    if strength.isascii() and strength.isdecimal():
+        strength = str(int(strength))  # random numbers depend on it
     level = make_level(where, name, condition, strength)
     return None if level is None else Part(name, condition, strength, level, scope or sensors, from_ns, to_ns)
 
 
-def _split_name(where: str, text: str) -> tuple[str, str]:
-    """Split what names sensors from the name of a condition: `lidar.fog`, `dropout.radar`, `lidar.fog.lidar_top`."""
+def split_name(text: str, where: str = "") -> tuple[str, str]:
+    """Return the name of a condition and what names sensors in `lidar.fog`, `dropout.radar` or `lidar.fog.lidar_top`.
+    Raises ConfigError, beginning with `where`, for an unknown name, with the nearest one.
+    """
     if ".py:" in text:
         return text, ""
     names = entry_points_of("conditions")
@@ -79,7 +83,7 @@ def _split_name(where: str, text: str) -> tuple[str, str]:
             name = ".".join(words[:num])
             if name in names:
                 return name, ".".join(words[num:]) or prefix
-    raise ConfigError(f"{where}: unknown condition '{text}'{did_you_mean(text, names)}")
+    raise ConfigError(f"{where}unknown condition '{text}'{did_you_mean(text, names)}")
 
 
 def load_condition(name: str) -> Condition:
@@ -109,6 +113,8 @@ def make_level(where: str, name: str, condition: Condition, strength: str) -> di
         hint = f", or a value such as {levels[first][2]:g}{units[-1]}" if units else ""
         raise ConfigError(f"{where}: '{name}:{strength}': expected a severity of 0 to {NUM_LEVELS}{hint}")
     value = float(found["number"]) / (100 if found["unit"] == "%" else 1)
+    if found["unit"] == "%" and value > 1:
+        raise ConfigError(f"{where}: '{name}:{strength}': expected at most 100%")
     return {**{key: float(values[2]) for key, values in levels.items()}, first: value}
 
 
