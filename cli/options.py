@@ -53,7 +53,7 @@ Stamps = Annotated[
 Condition = Annotated[
     str,
     Option(
-        metavar="NAME[.SENSORS][:LEVEL]",
+        metavar="NAME:LEVEL",
         help="Disturb the messages: fog:3, rain:25mmh+night, dropout.radar:1@5s-8s, or a TOML file; see fbench plugins "
         "conditions.",
     ),

@@ -156,14 +156,15 @@ class Step:
             for result in results:
                 if wrong := find_wrong(message, result):
                     raise RunError(f"condition '{part.name}' {wrong}", "COR001")
-            if not self.changes_times and [_times(result) for result in results] != [_times(message)]:
+            if not self.changes_times and times_of(results) != times_of([message]):
                 what = "drops, repeats, delays or restamps messages, but doesn't say changes_times = True"
                 raise RunError(f"condition '{part.name}' {what}", "COR001")
             return results
 
 
-def _times(message: Measurement) -> tuple[int, int, int | None]:
-    return message.stamp_ns, message.log_ns, message.frame_number
+def times_of(messages: Sequence[Measurement]) -> list[tuple[int, int, int | None]]:
+    """Return the stamp, time of delivery and frame number of each message."""
+    return [(message.stamp_ns, message.log_ns, message.frame_number) for message in messages]
 
 
 def find_wrong(message: Measurement, result: object) -> str:

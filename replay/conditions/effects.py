@@ -12,6 +12,7 @@ from fbench.replay.data.messages import Image, PointCloud, RadarScan
 from fbench.replay.data.rig import Rig
 
 _EVERY = 16  # Of the rows and columns of an image, for the mean difference
+_WORDS = {"dropped": "lost", "added": "repeated", "late": "late", "restamped": "restamped"}
 _VALUES = ("intensity", "radial_velocity_mps", "rcs_dbsm")
 
 
@@ -54,6 +55,27 @@ class Effects:
         }
 
 
+def describe(row: Mapping[str, float]) -> str:
+    """Say in one line what conditions changed of a sensor, from its sums."""
+    num, changed, points = (int(row.get(name, 0)) for name in ("messages", "changed", "points_before"))
+    texts = [f"{changed} of {num} messages changed"] if changed else []
+    for name in ("dropped", "added", "late", "restamped"):
+        texts += [f"{int(row[name])} {_WORDS[name]}"] if row.get(name) else []
+    if points and row["points_after"] != points:
+        texts.append(f"{100 * (row['points_after'] / points - 1):+.1f} % points")
+    if moved := row.get("points_moved"):
+        texts.append(f"{int(moved)} points moved by {row['moved_m'] / moved:.3g} m on average")
+    if revalued := row.get("points_revalued"):
+        texts.append(f"{int(revalued)} points with other values")
+    if changed and row.get("gray_levels"):
+        texts.append(f"pixels {row['gray_levels'] / changed:.3g} gray levels off on average")
+    if row.get("mount_deg") or row.get("mount_m"):
+        texts.append(f"mount {row['mount_deg']:.3g}° and {row['mount_m']:.3g} m off")
+    if row.get("focal_px") or row.get("center_px"):
+        texts.append(f"focal length {row['focal_px']:.3g} px and center {row['center_px']:.3g} px off")
+    return ", ".join(texts) or "nothing changed"
+
+
 def compare(before: Measurement, after: Measurement) -> Mapping[str, float]:
     """Points that came, went, moved [m, summed] and have other values, or the mean difference of gray levels."""
     if isinstance(before, Image) or isinstance(after, Image):
@@ -86,12 +108,12 @@ def _other_values(before: PointCloud | RadarScan, after: PointCloud | RadarScan)
 
 def _compare_calibration(recorded: Rig, given: Rig, sensor: str) -> dict[str, float]:
     result = dict[str, float]()
-    if sensor in recorded.mounts and sensor in given.mounts:
+    if sensor in recorded.mounts and not given.mounts[sensor].equals(recorded.mounts[sensor]):
         old, new = recorded.mounts[sensor], given.mounts[sensor]
         turn = Rotation.from_quat(old.rotation_xyzw).inv() * Rotation.from_quat(new.rotation_xyzw)
         shift = new.translation_m - old.translation_m
         result |= {"mount_deg": float(np.degrees(turn.magnitude())), "mount_m": float(np.sqrt((shift**2).sum()))}
-    if sensor in recorded.cameras and sensor in given.cameras:
+    if sensor in recorded.cameras and not given.cameras[sensor].equals(recorded.cameras[sensor]):
         off = given.cameras[sensor].K - recorded.cameras[sensor].K
         result |= {
             "focal_px": float(np.abs(np.diag(off)[:2]).max()),
