@@ -22,8 +22,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import PointCloud, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.logs.containers.mcap.write import McapWriter
-from fbench.replay.logs.open import open_container
-from fbench.replay.logs.open import open_log
+from fbench.replay.logs.open import open_container, open_log
 
 
 @pytest.fixture(scope="module")
