@@ -13,7 +13,16 @@ from fbench.replay.data.arrays import Array, Float64
 WATER = 1.33  # Index of refraction
 COVERING_MM = 1.2  # Depth from which on no grain of the road stands out of the water
 _REACH_M, _CELL_M = 60.0, 0.2
-_BANDS = ((0.5, 3), (0.4, 3), (0.3, 3), (0.4, 6), (0.3, 6), (0.2, 6), (0.2, 6))  # [m] about it, and its parameters
+_BANDS = (
+    (0.5, 3),
+    (0.5, 3),
+    (0.3, 3),
+    (0.4, 6),
+    (0.4, 6),
+    (0.4, 6),
+    (0.3, 6),
+    (0.2, 6),
+)  # [m] about it, and its parameters
 _MIN_POINTS = 50
 
 

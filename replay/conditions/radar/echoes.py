@@ -70,7 +70,10 @@ class Sensitivity:
         self.floor_db = float(np.partition(known, at)[at]) if len(known) else 0.0
         """The weakest received power, in the strength's unit at 1 m."""
         self.margin_db = np.where(np.isfinite(power), np.maximum(power - self.floor_db, 0.0), np.inf)
-        """(N,) how far each echo is above it."""
+        """(N,) how far each echo is above it, at least; up to `step_db` more."""
+        steps = np.diff(np.unique(strength[np.isfinite(strength)]))
+        self.step_db = float(min(steps.min(initial=np.inf), 1.0)) if scan.rcs_dbsm is not None and len(steps) else 0.0
+        """In which strengths are given."""
 
     def weakest_db(self, range_m: Float64) -> Float64:
         """Return the weakest strengths (M,) that are found at ranges (M,)."""

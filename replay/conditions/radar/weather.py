@@ -24,7 +24,9 @@ def disturb_scan(scan: RadarScan, weather: Weather, site: Site) -> RadarScan:
     loss = radar_loss_db(weather, range_m) - radar_loss_db(Weather(), range_m)
     if not len(range_m) or not np.nanmax(loss, initial=0.0) > 0:
         return scan
-    found = ~(Sensitivity(scan).margin_db < loss)
+    sensitivity = Sensitivity(scan)
+    margin_db = sensitivity.margin_db + sensitivity.step_db * site.rng_of(scan, "margin").random(len(loss))
+    found = ~(margin_db < loss)
     weak = scan
     if scan.rcs_dbsm is not None:
         weak = replace(scan, rcs_dbsm=(scan.rcs_dbsm - loss).astype(np.float32))
