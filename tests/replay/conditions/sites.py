@@ -55,16 +55,16 @@ def street(num=20_000, seed=1, rings=64):
 def scan(xyz, speed=None, rcs=None, has_polar=False, stamp_ns=0):
     xyz = np.asarray(xyz, np.float32)
     x, y, z = xyz.astype(np.float64).T
-    polar = {"range_m": np.sqrt(x * x + y * y + z * z), "azimuth_rad": np.arctan2(y, x),
-             "altitude_rad": np.arctan2(z, np.hypot(x, y))}  # fmt: skip
+    flat = np.hypot(x, y)
+    polar = {"range_m": np.hypot(flat, z), "azimuth_rad": np.arctan2(y, x), "altitude_rad": np.arctan2(z, flat)}
     values = {name: a.astype(np.float32) for name, a in polar.items()} if has_polar else {}
     one = [None if a is None else np.asarray(a, np.float32) for a in (speed, rcs)]
     return RadarScan("radar", stamp_ns, stamp_ns, xyz, *one, **values)
 
 
 def standing(num=2000, seed=2, ego_mps=10.0, floor_dbsm=-7.0, **fields):
-    """What stands around a radar that drives ahead: echoes up to 100 m within 50 degrees, as weak as the sensor finds at
-    their range or up to 30 dB stronger.
+    """What stands around a radar that drives ahead: echoes up to 100 m within 50 degrees, as weak as the sensor finds
+    at their range or up to 30 dB stronger.
     """
     rng = np.random.default_rng(seed)
     range_m, azimuth = rng.uniform(3, 100, num), np.radians(rng.uniform(-50, 50, num))

@@ -236,8 +236,8 @@ def test_ground_is_found_on_hills_and_not_among_too_few_points():
     rng = np.random.default_rng(4)
     x, y = rng.uniform(-40, 40, (2, 8000))
     z = -1.8 + 0.015 * x - 0.01 * y - 0.0005 * x * x + rng.normal(0, 0.02, 8000)
-    car = np.stack([rng.uniform(8, 12, 900), rng.uniform(2, 4, 900), rng.uniform(-0.6, 0.2, 900)], axis=1)
-    ground = find_ground(np.concatenate([np.stack([x, y, z], axis=1), car]) + [0.0, 0.0, 2.0], np.array([0, 0, 2.0]))
+    car = np.stack([rng.uniform(8, 12, 900), rng.uniform(2, 4, 900), rng.uniform(1.4, 2.2, 900)], axis=1)
+    ground = find_ground(np.concatenate([np.stack([x, y, z + 2], axis=1), car]), np.array([0, 0, 2.0]))
     assert (ground.rows < 8000).all()
     assert len(ground.rows) > 7900
     below = np.argmin(np.hypot(x, y)[ground.rows])
