@@ -84,7 +84,7 @@ def _fall_db(range_m: Float64, strength: Float64) -> float:
     """Slope of the weakest strengths of groups over 40 log10 of their ranges, 1 for cross-sections."""
     order = np.argsort(range_m, kind="stable")
     order = order[np.isfinite(strength[order]) & np.isfinite(range_m[order])]
-    if len(order) < _ENOUGH:
+    if len(order) < _ENOUGH or np.ptp(strength[order]) == 0:
         return 40.0
     groups = np.array_split(order, _GROUPS)
     weakest = np.array([np.sort(strength[rows])[int(len(rows) * _WEAK_SHARE)] for rows in groups])

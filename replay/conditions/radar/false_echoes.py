@@ -67,14 +67,16 @@ class Ghost(OnScans):
         farther = range_m + _GHOST_DETOUR_M[0] + (_GHOST_DETOUR_M[1] - _GHOST_DETOUR_M[0]) * detour
         with np.errstate(invalid="ignore", divide="ignore"):
             needed = _GHOST_LOSS_DB + sensitivity.decade_db * np.log10(farther / range_m)
-            strong = np.flatnonzero((sensitivity.margin_db >= needed) & (farther <= np.nanmax(range_m)) & (range_m > 0))
+            strong = np.flatnonzero(
+                (sensitivity.margin_db >= needed) & (farther <= np.nanmax(range_m, initial=0.0)) & (range_m > 0)
+            )
         if not len(strong):
             return scan
         rows = strong[draw_mask(rng, len(strong), level["share"])]
         xyz = scan.xyz[rows].astype(np.float64) * (farther[rows] / range_m[rows])[:, None]
         own = np.zeros(len(range_m)) if scan.radial_velocity_mps is None else scan.radial_velocity_mps
         speed = own[rows].astype(np.float64)
-        doubles = (twice[rows] < 0.5) & (2 * np.abs(speed) <= np.nanmax(np.abs(own)))
+        doubles = (twice[rows] < 0.5) & (2 * np.abs(speed) <= np.nanmax(np.abs(own), initial=0.0))
         rcs = np.zeros(len(rows)) if scan.rcs_dbsm is None else scan.rcs_dbsm[rows] - _GHOST_LOSS_DB
         return append(scan, xyz, np.where(doubles, 2 * speed, speed), rcs)
 
