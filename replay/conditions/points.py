@@ -1,4 +1,4 @@
-"""Conditions of clouds and scans: taking some of their points, with all that belongs to each."""
+"""Drawing, removing and moving the points of clouds and radar scans, all fields of a point alike."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
@@ -8,19 +8,41 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from fbench.replay.contracts.conditions import Level, Measurement, Site
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.messages import PointCloud, RadarScan
 from fbench.replay.data.rig import Kind
 
 P = TypeVar("P", PointCloud, RadarScan)
 
 
-def take_points(message: P, rows: Array) -> P:
-    """Return the points of a mask (N,), or of rows (M,), with all that is known of each."""
-    rows = np.flatnonzero(rows) if rows.dtype == bool else rows
-    named = ((field.name, getattr(message, field.name)) for field in fields(message))
-    taken: dict[str, Any] = {name: value.take(rows, axis=0) for name, value in named if isinstance(value, np.ndarray)}
-    return replace(message, **taken)
+def keep_points(message: P, is_kept: Bool) -> P:
+    """Return a message with the points of a mask (N,), in their order; the message itself where all are kept."""
+    if is_kept.all():
+        return message
+    named, rows = ((f.name, getattr(message, f.name)) for f in fields(message)), np.flatnonzero(is_kept)
+    kept: dict[str, Any] = {name: a.take(rows, axis=0) for name, a in named if isinstance(a, np.ndarray)}
+    return replace(message, **kept)
+
+
+def move_points(message: P, xyz: Array) -> P:
+    """Return a message with other coordinates (N, 3) [m] of its points; ranges and angles of a radar that gives them
+    follow where a point moved. Everything else stays.
+    """
+    moved: Float32 = np.asarray(xyz, np.float32)
+    if isinstance(message, PointCloud):
+        return replace(message, xyz=moved)
+    changed = (moved != message.xyz).any(axis=1)
+    named = dict(zip(("range_m", "azimuth_rad", "altitude_rad"), polar(moved), strict=True))
+    given = {name: old for name in named if (old := getattr(message, name)) is not None}
+    follow: dict[str, Any] = {n: np.where(changed, named[n], old).astype(np.float32) for n, old in given.items()}
+    return replace(message, xyz=moved, **follow)
+
+
+def polar(xyz: Array) -> tuple[Float64, Float64, Float64]:
+    """Return range [m], azimuth from x towards y and altitude [rad] (N,) of points (N, 3)."""
+    x, y, z = np.asarray(xyz, np.float64).T
+    flat = np.sqrt(x * x + y * y)
+    return np.sqrt(flat * flat + z * z), np.arctan2(y, x), np.arctan2(z, flat)
 
 
 def count_share(num: int, share: float) -> int:

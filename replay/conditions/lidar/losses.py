@@ -1,14 +1,16 @@
-"""Points that a LiDAR loses: beams, a share of all, views to the side, holes, shadows."""
+"""Points that a LiDAR loses: beams, a share of all, views to the side, holes, parts of objects, shadows."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
-from fbench.replay.conditions.points import OnClouds, count_share, draw_mask, smallest, take_points
+from fbench.replay.conditions import objects
+from fbench.replay.conditions.points import OnClouds, count_share, draw_mask, smallest, keep_points
 from fbench.replay.contracts.conditions import Level, Need, Site
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import Kind
 from fbench.replay.geometry.transforms import transform
 
 
@@ -19,8 +21,7 @@ class _Losses(OnClouds):
 
     def change(self, cloud: PointCloud, level: Level, site: Site) -> PointCloud:
         """Return the cloud of those that stay, in their order."""
-        keep = self.keep(cloud, level, site)
-        return cloud if keep.all() else take_points(cloud, keep)
+        return keep_points(cloud, self.keep(cloud, level, site))
 
 
 class BeamDrop(_Losses):
@@ -98,6 +99,16 @@ class Cutout(_Losses):
             keep[left[cut]] = False
             left = np.delete(left, cut)
         return keep
+
+
+class IncompleteEcho(objects.Density):
+    """Of each labeled object most points give no echo, as of dark or shiny ones: an exact number, rounded up.
+
+    Levels after Robo3D (Kong et al., ICCV 2023): 75, 85, 95 %.
+    """
+
+    kinds: ClassVar[Sequence[Kind]] = ("lidar",)
+    levels: ClassVar[Mapping[str, Sequence[float]]] = {"removed_share": (0.55, 0.65, 0.75, 0.85, 0.95)}
 
 
 class Occluder(_Losses):

@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.replay.conditions.lidar.echoes import SCATTERED, WEAKEST, fog_echoes, particle_echoes, power_floor
 from fbench.replay.conditions.lidar.ground import find_ground, wet_share
-from fbench.replay.conditions.points import take_points
+from fbench.replay.conditions.points import keep_points
 from fbench.replay.conditions.weather import Weather, extinction_per_m, fog_extinction_per_m, fog_of, particles_of
 from fbench.replay.contracts.conditions import Site
 from fbench.replay.data.arrays import Bool, Float64
@@ -100,7 +100,7 @@ def disturb_cloud(cloud: PointCloud, weather: Weather, site: Site) -> PointCloud
         intensity = dim
     keep = np.ones(len(xyz), bool)
     keep[beams[lost]] = False
-    return take_points(replace(cloud, xyz=xyz.astype(np.float32), intensity=intensity), keep)
+    return keep_points(replace(cloud, xyz=xyz.astype(np.float32), intensity=intensity), keep)
 
 
 def _reflectivity(cloud: PointCloud) -> tuple[float, Float64]:

@@ -1,10 +1,10 @@
 """What is known of a scan's echoes: how far each is above the weakest, how fast the ground goes by, where it lies."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from fbench.replay.conditions.points import polar
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.messages import RadarScan
 
@@ -13,26 +13,10 @@ _GROUPS, _ENOUGH, _WEAK_SHARE = 8, 160, 0.05
 _NEIGHBORS = 15
 
 
-def polar(xyz: Array) -> tuple[Float64, Float64, Float64]:
-    """Return range [m], azimuth from x towards y and altitude [rad] (N,) of points (N, 3)."""
-    x, y, z = np.asarray(xyz, np.float64).T
-    flat = np.sqrt(x * x + y * y)
-    return np.sqrt(flat * flat + z * z), np.arctan2(y, x), np.arctan2(z, flat)
-
-
 def cartesian(range_m: Float64, azimuth_rad: Float64, altitude_rad: Float64) -> Float64:
     """Return the points (N, 3) of ranges, azimuths and altitudes (N,)."""
     flat = range_m * np.cos(altitude_rad)
     return np.stack([flat * np.cos(azimuth_rad), flat * np.sin(azimuth_rad), range_m * np.sin(altitude_rad)], axis=1)
-
-
-def place(scan: RadarScan, xyz: Float64) -> RadarScan:
-    """Return the scan with its points at (N, 3) [m], and polar values, where it has any, to match."""
-    points = xyz.astype(np.float32)
-    names = ("range_m", "azimuth_rad", "altitude_rad")
-    values = {name: a.astype(np.float32) for name, a in zip(names, polar(points), strict=True)}
-    there: dict[str, Any] = {name: a for name, a in values.items() if getattr(scan, name) is not None}
-    return replace(scan, xyz=points, **there)
 
 
 def append(scan: RadarScan, xyz: Float64, speed_mps: Float64, rcs_db: Float64) -> RadarScan:

@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from fbench.replay.conditions.points import OnScans, count_share, draw_mask
-from fbench.replay.conditions.radar.echoes import Sensitivity, append, cartesian, polar, standing_mps
+from fbench.replay.conditions.points import OnScans, count_share, draw_mask, polar
+from fbench.replay.conditions.radar.echoes import Sensitivity, append, cartesian, standing_mps
 from fbench.replay.contracts.conditions import Level, Site
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import RadarScan
@@ -77,7 +77,7 @@ class Ghost(OnScans):
         own = np.zeros(len(range_m)) if scan.radial_velocity_mps is None else scan.radial_velocity_mps
         speed = own[rows].astype(np.float64)
         doubles = (twice[rows] < 0.5) & (2 * np.abs(speed) <= np.nanmax(np.abs(own), initial=0.0))
-        rcs = np.zeros(len(rows)) if scan.rcs_dbsm is None else scan.rcs_dbsm[rows] - _GHOST_LOSS_DB
+        rcs = np.zeros(len(rows)) if scan.rcs_dbsm is None else scan.rcs_dbsm[rows].astype(np.float64) - _GHOST_LOSS_DB
         return append(scan, xyz, np.where(doubles, 2 * speed, speed), rcs)
 
 

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from fbench.replay.conditions.points import OnScans, draw_mask, draw_rows, take_points
-from fbench.replay.conditions.radar.echoes import Sensitivity, cartesian, place, polar
+from fbench.replay.conditions.points import OnScans, draw_mask, draw_rows, keep_points, move_points, polar
+from fbench.replay.conditions.radar.echoes import Sensitivity, cartesian
 from fbench.replay.contracts.conditions import Level, Need, Site
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.messages import RadarScan
@@ -20,7 +20,7 @@ class PointLoss(OnScans):
 
     def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Draw what is lost."""
-        return take_points(scan, ~draw_mask(site.rng_of(scan), len(scan.xyz), level["lost_share"]))
+        return keep_points(scan, ~draw_mask(site.rng_of(scan), len(scan.xyz), level["lost_share"]))
 
 
 class Interference(OnScans):
@@ -32,7 +32,7 @@ class Interference(OnScans):
 
     def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Lose the weak ones."""
-        return take_points(scan, Sensitivity(scan).margin_db >= level["noise_db"])
+        return keep_points(scan, np.asarray(Sensitivity(scan).margin_db >= level["noise_db"]))
 
 
 class Shift(OnScans):
@@ -46,7 +46,7 @@ class Shift(OnScans):
         """Move all points."""
         xyz = scan.xyz.astype(np.float64)
         xyz[:, :2] += site.rng_of(scan).normal(0.0, level["sigma_m"], (len(xyz), 2))
-        return place(scan, xyz)
+        return move_points(scan, xyz)
 
 
 class AzimuthError(OnScans):
@@ -60,7 +60,7 @@ class AzimuthError(OnScans):
         """Turn all points."""
         range_m, azimuth, altitude = polar(scan.xyz)
         azimuth = azimuth + np.radians(site.rng_of(scan).normal(0.0, level["sigma_deg"], len(azimuth)))
-        return place(scan, cartesian(range_m, azimuth, altitude))
+        return move_points(scan, cartesian(range_m, azimuth, altitude))
 
 
 class Resolution(OnScans):
@@ -75,7 +75,7 @@ class Resolution(OnScans):
 
     def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Keep one echo a cell, in the order of the strongest ones."""
-        scan = take_points(scan, np.isfinite(scan.xyz).all(axis=1))
+        scan = keep_points(scan, np.asarray(np.isfinite(scan.xyz).all(axis=1)))
         range_m, azimuth, altitude = polar(scan.xyz)
         width = np.radians(level["cell_deg"])
         far, across = np.floor(range_m / level["cell_m"]), np.floor(azimuth / width)
@@ -88,10 +88,12 @@ class Resolution(OnScans):
             power = np.add.reduceat(10 ** (strength[order] / 10), np.flatnonzero(starts))
             rcs = scan.rcs_dbsm.copy()
             rcs[rows] = (10 * np.log10(power)).astype(np.float32)
-            scan = replace(scan, rcs_dbsm=rcs)
-        rows = np.sort(rows)
+            scan = remove_points(scan, rcs_dbsm=rcs)
+        is_first = np.zeros(len(far), bool)
+        is_first[rows] = True
+        rows = np.flatnonzero(is_first)
         middle = cartesian((far[rows] + 0.5) * level["cell_m"], (across[rows] + 0.5) * width, altitude[rows])
-        return place(take_points(scan, rows), middle)
+        return move_points(keep_points(scan, is_first), middle)
 
 
 class Nonpositional(OnScans):
@@ -109,7 +111,7 @@ class Nonpositional(OnScans):
             raise LogError(f"condition 'radar.nonpositional' can't act: '{scan.sensor}' has no rcs, velocity", "COR002")
         normals = site.rng_of(scan).standard_normal((2, len(scan.xyz)))
         rcs, speed = scan.rcs_dbsm, scan.radial_velocity_mps
-        return replace(
+        return remove_points(
             scan,
             rcs_dbsm=None if rcs is None else (rcs + level["sigma_db"] * normals[0]).astype(np.float32),
             radial_velocity_mps=None if speed is None else (speed + level["sigma_mps"] * normals[1]).astype(np.float32),
@@ -133,4 +135,4 @@ class DopplerAlias(OnScans):
         speed = scan.radial_velocity_mps.copy()
         rows = draw_rows(site.rng_of(scan), len(speed), level["share"])
         speed[rows] -= np.where(speed[rows] > 0, 1, -1).astype(np.float32) * np.float32(level["interval_mps"])
-        return replace(scan, radial_velocity_mps=speed)
+        return remove_points(scan, radial_velocity_mps=speed)

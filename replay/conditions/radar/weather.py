@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fbench.replay.conditions.points import take_points
-from fbench.replay.conditions.radar.echoes import Sensitivity, polar
+from fbench.replay.conditions.points import keep_points, polar
+from fbench.replay.conditions.radar.echoes import Sensitivity
 from fbench.replay.conditions.radar.false_echoes import add_clutter
 from fbench.replay.conditions.weather import Weather, radar_loss_db
 from fbench.replay.contracts.conditions import Site
@@ -30,4 +30,4 @@ def disturb_scan(scan: RadarScan, weather: Weather, site: Site) -> RadarScan:
     weak = scan
     if scan.rcs_dbsm is not None:
         weak = replace(scan, rcs_dbsm=(scan.rcs_dbsm - loss).astype(np.float32))
-    return add_clutter(take_points(weak, found), CLUTTER_PER_MM_H * weather.rain_mm_h, site.rng_of(scan, "clutter"))
+    return add_clutter(keep_points(weak, found), CLUTTER_PER_MM_H * weather.rain_mm_h, site.rng_of(scan, "clutter"))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from tests.replay.conditions.sites import QUARTER_LEFT, bytes_of, cloud, disturb, street
 
-from fbench.replay.conditions.lidar.losses import BeamDrop, Cutout, Density, FieldOfView, Occluder
+from fbench.replay.conditions.lidar.losses import BeamDrop, Cutout, Density, FieldOfView, IncompleteEcho, Occluder
+from fbench.replay.data.boxes import Boxes3D
 
 LOSSES = [BeamDrop(), Cutout(), Density(), FieldOfView(), Occluder()]
 
@@ -114,3 +115,16 @@ def test_empty_and_undefined_points(condition):
     assert len(disturb(condition, nowhere).xyz) <= 3
     empty = cloud(np.zeros((0, 3)), ring=ring[:0])
     assert disturb(condition, empty) is empty
+
+
+def test_objects_lose_an_exact_share_of_their_points():
+    truth = Boxes3D(np.array([[20.0, 0, 1]]), np.array([[4.0, 2, 2]]), np.zeros(1))
+    rng = np.random.default_rng(0)
+    inside = rng.uniform(-0.9, 0.9, (400, 3)) + [0, -20, -1]  # 20 m ahead of a car whose LiDAR looks to the left
+    base = cloud(np.concatenate([inside, street().xyz[:300] + np.float32([0, 40, 0])]))
+    for severity, share in enumerate((0.55, 0.65, 0.75, 0.85, 0.95), 1):
+        after = disturb(IncompleteEcho(), base, severity, truth=truth, rotation=QUARTER_LEFT)
+        assert len(after.xyz) == 700 - round(share * 400)
+        assert after.xyz[-300:].tobytes() == base.xyz[-300:].tobytes()
+    assert disturb(IncompleteEcho(), base, truth=None) is base
+    assert IncompleteEcho().needs == ("truth",)
