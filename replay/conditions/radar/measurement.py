@@ -66,11 +66,11 @@ class AzimuthError(OnScans):
 class Resolution(OnScans):
     """A coarser radar: of all echoes in one cell of range and azimuth one is left, in its middle, with the Doppler and
     altitude of the strongest; powers add up. Levels are chosen: from those of an imaging radar to those of a parking
-    aid.
+    aid, each twice as coarse as the one before, so that cells lie in cells.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {
-        "cell_m": (0.25, 0.5, 1.0, 2.0, 3.0), "cell_deg": (1.0, 2.0, 3.0, 4.0, 6.0),
+        "cell_m": (0.25, 0.5, 1.0, 2.0, 4.0), "cell_deg": (0.75, 1.5, 3.0, 6.0, 12.0),
     }  # fmt: skip
 
     def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
