@@ -12,7 +12,7 @@ from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.messages import PointCloud, RadarScan
 from fbench.replay.data.rig import Kind
 
-P = TypeVar("P", PointCloud, RadarScan)
+P = TypeVar("P", bound=PointCloud | RadarScan)
 
 
 def keep_points(message: P, is_kept: Bool) -> P:

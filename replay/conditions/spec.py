@@ -52,12 +52,12 @@ def with_absolute_files(text: str) -> str:
 
 
 def _parse(text: str, whole: str) -> Part | None:
-    where = f"--condition {whole}"
+    where, shown = (name.replace("@", " @") for name in (f"--condition {whole}", text))  # else taken for a password
     head, from_ns, to_ns = text, None, None
     if "@" in text:
         window = _WINDOW.search(text)
         if window is None or window.group() == "@-":
-            raise ConfigError(f"{where}: '{text}': expected a window such as @5s-8s after '@'")
+            raise ConfigError(f"{where}: '{shown}': expected a window such as @5s-8s after '@'")
         head = text[: window.start()]
         from_ns, to_ns = (
             None if seconds is None else round(float(seconds) * 1e9) for seconds in window.group("begin", "end")

@@ -133,7 +133,7 @@ class Part:
     def __str__(self) -> str:
         scope = f".{self.sensors}" if self.sensors else ""
         begin, end = ("" if ns is None else f"{ns / 1e9:g}s" for ns in (self.from_ns, self.to_ns))
-        window = f"@{begin}-{end}" if begin or end else ""
+        window = f" ({begin}-{end})" if begin or end else ""  # with an @, errors would take it for a password
         return f"{self.name}{scope}:{self.strength}{window}"
 
 

@@ -100,7 +100,7 @@ class ConditionEntry(_Strict):
     def __str__(self) -> str:
         scope = f".{self.sensors}" if self.sensors else ""
         begin, end = ("" if seconds is None else f"{seconds:g}s" for seconds in (self.from_s, self.to_s))
-        window = f"@{begin}-{end}" if begin or end else ""
+        window = f" ({begin}-{end})" if begin or end else ""
         return f"{self.name}{scope}:{self.strength}{window}"
 
 

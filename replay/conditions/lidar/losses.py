@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from fbench.replay.conditions import objects
-from fbench.replay.conditions.points import OnClouds, count_share, draw_mask, smallest, keep_points
+from fbench.replay.conditions.points import OnClouds, count_share, draw_mask, keep_points, smallest
 from fbench.replay.contracts.conditions import Level, Need, Site
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.messages import PointCloud
@@ -102,7 +102,7 @@ class Cutout(_Losses):
 
 
 class IncompleteEcho(objects.Density):
-    """Of each labeled object most points give no echo, as of dark or shiny ones: an exact number, rounded up.
+    """Of each labeled object most points give no echo, as of dark or shiny ones: round(share * points), at least one.
 
     Levels after Robo3D (Kong et al., ICCV 2023): 75, 85, 95 %.
     """

@@ -9,7 +9,7 @@ from fbench.replay.conditions.lidar.ground import find_ground, wet_share
 from fbench.replay.conditions.points import keep_points
 from fbench.replay.conditions.weather import Weather, extinction_per_m, fog_extinction_per_m, fog_of, particles_of
 from fbench.replay.contracts.conditions import Site
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Array, Bool, Float32, Float64
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.geometry.transforms import transform
 
@@ -40,14 +40,19 @@ def receive(
         at_m, intensity = echoes.range_m, echoes.power * received_m * received_m
         is_scattered = echoes.label == SCATTERED
     else:
-        intensity = reflectivity * np.exp(-2 * extinction * range_m)
-        received = intensity >= floor * range_m * range_m
-        at_m, intensity = np.where(received, range_m, np.inf), intensity * received
-        is_scattered = np.zeros(len(range_m), bool)
+        intensity = -2 * extinction * range_m  # in place from here on: large arrays are slow to get
+        np.exp(intensity, out=intensity)
+        intensity *= reflectivity
+        needed = floor * range_m
+        needed *= range_m
+        received = intensity >= needed
+        at_m, is_scattered = np.where(received, range_m, np.inf), np.zeros(len(range_m), bool)
+        intensity *= received
     fog = fog_of(weather)
     drowned = np.flatnonzero(np.isfinite(range_m) & (range_m > fog.switch_m) & ~is_scattered)
     if len(drowned):
-        at_m, intensity, is_scattered = at_m.copy(), intensity.copy(), is_scattered.copy()
+        if particles:
+            at_m, intensity, is_scattered = at_m.copy(), intensity.copy(), is_scattered.copy()
         soft = fog_echoes(fog, range_m[drowned], rng)
         strength = reflectivity[drowned] * soft.strength
         noticed = strength >= FAINTEST
@@ -69,50 +74,55 @@ def disturb_cloud(cloud: PointCloud, weather: Weather, site: Site) -> PointCloud
     """
     extinction = fog_extinction_per_m(Weather())  # of clear air, which has been at work on what was recorded
     has_air = extinction_per_m(weather) > extinction
-    xyz = cloud.xyz.astype(np.float64)
-    range_m = np.sqrt(xyz[:, 0] * xyz[:, 0] + xyz[:, 1] * xyz[:, 1] + xyz[:, 2] * xyz[:, 2])
-    is_beam = np.isfinite(range_m) & (range_m > 0)
-    if not is_beam.any() or not (has_air or weather.water_mm > 0):
+    range_m = np.einsum("ij,ij->i", cloud.xyz, cloud.xyz, dtype=np.float64)
+    np.sqrt(range_m, out=range_m)
+    beams = np.flatnonzero(np.isfinite(range_m) & (range_m > 0))
+    if not len(beams) or not (has_air or weather.water_mm > 0):
         return cloud
-    scale, reflectivity = _reflectivity(cloud)
-    with np.errstate(invalid="ignore"):
-        reflectivity = reflectivity * np.exp(2 * extinction * range_m)
-    beams = np.flatnonzero(is_beam)
-    floor = _power_floor(reflectivity[beams] / (range_m[beams] * range_m[beams]))
+    if len(beams) < len(range_m):
+        range_m = range_m[beams]
+    scale, reflectivity = _reflectivity(cloud.intensity, beams)
+    reflectivity *= np.exp(2 * extinction * range_m)
+    floor = _power_floor(range_m, reflectivity)
     if weather.water_mm > 0:
         body_T_sensor = site.rig.body_T_sensor(cloud.sensor)
-        ground = find_ground(transform(body_T_sensor, xyz), body_T_sensor[:3, 3])
+        ground = find_ground(transform(body_T_sensor, cloud.xyz[beams]), body_T_sensor[:3, 3])
         rows = np.zeros(0, np.int64) if ground is None else ground.rows
         if ground is not None:
             reflectivity[rows] *= wet_share(weather.water_mm, ground.cos_incidence)
-        beams = beams if has_air else rows
-    before_m = range_m[beams]
-    at_m, power, is_scattered = receive(before_m, reflectivity[beams], weather, floor, site.rng_of(cloud, "air"))
-    lost = np.isinf(at_m)
-    at_m = np.where(lost, before_m, np.maximum(at_m, 0.0))
-    moved = np.flatnonzero(at_m != before_m)
-    xyz[beams[moved]] *= (at_m[moved] / before_m[moved])[:, None]
-    intensity = cloud.intensity
+        if not has_air:
+            beams, range_m, reflectivity = beams[rows], range_m[rows], reflectivity[rows]
+    at_m, power, is_scattered = receive(range_m, reflectivity, weather, floor, site.rng_of(cloud, "air"))
+    moved, lost = np.flatnonzero((at_m != range_m) & np.isfinite(at_m)), beams[np.isinf(at_m)]
+    xyz, intensity = cloud.xyz, cloud.intensity
+    if len(moved):
+        xyz, rows = xyz.copy(), beams[moved]
+        xyz[rows] *= (np.maximum(at_m[moved], 0.0) / range_m[moved])[:, None]
     if intensity is not None:
-        dim = intensity.copy()
-        own = intensity[beams]
-        dim[beams] = np.where((own > 0) | is_scattered, np.minimum(power * scale, scale), own)
-        intensity = dim
+        intensity = intensity.copy()
+        power *= scale
+        np.minimum(power, scale, out=power)
+        is_known = (intensity[beams] > 0) | is_scattered
+        intensity[beams[is_known]] = power[is_known]
     keep = np.ones(len(xyz), bool)
-    keep[beams[lost]] = False
-    return keep_points(replace(cloud, xyz=xyz.astype(np.float32), intensity=intensity), keep)
+    keep[lost] = False
+    return keep_points(replace(cloud, xyz=xyz, intensity=intensity), keep)
 
 
-def _reflectivity(cloud: PointCloud) -> tuple[float, Float64]:
-    """Return the intensity's full scale and the reflectivities (N,), at least half a step of 8 bits."""
-    if cloud.intensity is None:
-        return 1.0, np.full(len(cloud.xyz), REFLECTIVITY)
-    largest = float(np.nanmax(cloud.intensity, initial=0.0))
+def _reflectivity(intensity: Float32 | None, beams: Array) -> tuple[float, Float64]:
+    """Return the intensity's full scale and the reflectivities (M,) of rows (M,), at least half a step of 8 bits."""
+    if intensity is None:
+        return 1.0, np.full(len(beams), REFLECTIVITY)
+    largest = float(np.nanmax(intensity, initial=0.0))
     scale = next((full for full in _FULL_SCALES if largest <= full), largest)
-    return scale, np.fmax(cloud.intensity.astype(np.float64) / scale, FAINTEST / 2)
+    result: Float64 = intensity[beams].astype(np.float64)
+    result /= scale
+    return scale, np.fmax(result, FAINTEST / 2, out=result)
 
 
-def _power_floor(power: Float64) -> float:
-    """Return the weakest power that the sensor finds, by all powers (N,) of a cloud in clear air."""
-    at = int(len(power) * _FLOOR_SHARE)
-    return min(power_floor(), float(np.partition(power, at)[at]))
+def _power_floor(range_m: Float64, reflectivity: Float64) -> float:
+    """Return the weakest power that the sensor finds, by all echoes (N,) of a cloud in clear air."""
+    power, at = reflectivity / range_m, int(len(range_m) * _FLOOR_SHARE)
+    power /= range_m
+    power.partition(at)
+    return min(power_floor(), float(power[at]))

@@ -66,11 +66,11 @@ class AzimuthError(OnScans):
 class Resolution(OnScans):
     """A coarser radar: of all echoes in one cell of range and azimuth one is left, in its middle, with the Doppler and
     altitude of the strongest; powers add up. Levels are chosen: from those of an imaging radar to those of a parking
-    aid.
+    aid, each twice as coarse as the one before, so that cells lie in cells.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {
-        "cell_m": (0.25, 0.5, 1.0, 2.0, 3.0), "cell_deg": (1.0, 2.0, 3.0, 4.0, 6.0),
+        "cell_m": (0.25, 0.5, 1.0, 2.0, 4.0), "cell_deg": (0.75, 1.5, 3.0, 6.0, 12.0),
     }  # fmt: skip
 
     def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
@@ -88,7 +88,7 @@ class Resolution(OnScans):
             power = np.add.reduceat(10 ** (strength[order] / 10), np.flatnonzero(starts))
             rcs = scan.rcs_dbsm.copy()
             rcs[rows] = (10 * np.log10(power)).astype(np.float32)
-            scan = remove_points(scan, rcs_dbsm=rcs)
+            scan = replace(scan, rcs_dbsm=rcs)
         is_first = np.zeros(len(far), bool)
         is_first[rows] = True
         rows = np.flatnonzero(is_first)
@@ -111,7 +111,7 @@ class Nonpositional(OnScans):
             raise LogError(f"condition 'radar.nonpositional' can't act: '{scan.sensor}' has no rcs, velocity", "COR002")
         normals = site.rng_of(scan).standard_normal((2, len(scan.xyz)))
         rcs, speed = scan.rcs_dbsm, scan.radial_velocity_mps
-        return remove_points(
+        return replace(
             scan,
             rcs_dbsm=None if rcs is None else (rcs + level["sigma_db"] * normals[0]).astype(np.float32),
             radial_velocity_mps=None if speed is None else (speed + level["sigma_mps"] * normals[1]).astype(np.float32),
@@ -135,4 +135,4 @@ class DopplerAlias(OnScans):
         speed = scan.radial_velocity_mps.copy()
         rows = draw_rows(site.rng_of(scan), len(speed), level["share"])
         speed[rows] -= np.where(speed[rows] > 0, 1, -1).astype(np.float32) * np.float32(level["interval_mps"])
-        return remove_points(scan, radial_velocity_mps=speed)
+        return replace(scan, radial_velocity_mps=speed)

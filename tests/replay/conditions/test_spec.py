@@ -61,7 +61,7 @@ def test_a_value_replaces_the_first_number_and_the_others_are_those_of_severity_
         ("reorder:3s", ["severity of 0 to 5"]),
         ("fog@", ["expected a window such as @5s-8s"]),
         ("fog@-", ["expected a window"]),
-        ("fog@8s-5s", ["the window ends at 5 s, before it begins"]),
+        ("fog:3@8s-5s", ["--condition fog:3 @8s-5s", "the window ends at 5 s, before it begins"]),
         ("fog@5-8", ["expected a window"]),
         ("", ["unknown condition ''"]),
         ("fog++night", ["unknown condition ''"]),
@@ -85,7 +85,8 @@ def test_file(tmp_path):
         '[[conditions]]\nname = "rain"\nseverity = 0\n[[conditions]]\nname = "lidar.snow"\n'
     )
     assert parse(str(path)) == [
-        ("fog", "", "2", None, None), ("loss", "radar*", "30%", 1_500_000_000, 3 * S), ("snow", "lidar", "3", None, None)
+        ("fog", "", "2", None, None), ("loss", "radar*", "30%", 1_500_000_000, 3 * S),
+        ("snow", "lidar", "3", None, None),
     ]  # fmt: skip
 
 
@@ -127,7 +128,7 @@ def test_split_name_says_what_a_name_means():
     ("body", "words"),
     [
         ("class Bad:\n    version = 1\n", "lacks kinds, levels"),
-        ("class Bad:\n    version, kinds, levels = 1, ('lidar',), {'a': (1, 2)}\n    disturb = print\n", "expected 5 numbers"),
+        ("class Bad:\n    version, kinds, levels = 1, ('lidar',), {'a': (1, 2)}\n    disturb = print\n", "expected 5"),
         ("class Bad:\n    version, kinds, levels = 1, ('lidar',), 3\n    disturb = print\n", "five numbers by name"),
         ("class Bad:\n    version, kinds, levels = 1, ('lidar',), {}\n", "lacks disturb()"),
         ("class Bad:\n    def __init__(self):\n        raise ValueError('no')\n", "can't be made: ValueError: no"),

@@ -120,7 +120,7 @@ def test_empty_and_undefined_points(condition):
 def test_objects_lose_an_exact_share_of_their_points():
     truth = Boxes3D(np.array([[20.0, 0, 1]]), np.array([[4.0, 2, 2]]), np.zeros(1))
     rng = np.random.default_rng(0)
-    inside = rng.uniform(-0.9, 0.9, (400, 3)) + [0, -20, -1]  # 20 m ahead of a car whose LiDAR looks to the left
+    inside = rng.uniform(-0.9, 0.9, (400, 3)) + np.array([0.0, -20, -1])  # ahead; the LiDAR looks to the left
     base = cloud(np.concatenate([inside, street().xyz[:300] + np.float32([0, 40, 0])]))
     for severity, share in enumerate((0.55, 0.65, 0.75, 0.85, 0.95), 1):
         after = disturb(IncompleteEcho(), base, severity, truth=truth, rotation=QUARTER_LEFT)
