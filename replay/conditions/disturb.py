@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import groupby, islice
 from typing import TypeAlias
 
 from fbench.replay.conditions.effects import Effects
@@ -35,6 +36,7 @@ Event: TypeAlias = Message | RigChange | Tick
 _TRUTH_NS = 50_000_000  # Truth is of a message's instant up to this far away
 _CLOUD_NS = 300_000_000
 _RAW = "bgr8"
+_AT_ONCE = 64  # Messages of one log time that are held at most
 
 
 @dataclass(frozen=True)
@@ -226,12 +228,14 @@ class DisturbedReader:
         state = _State(self._reader, self._disturbance, self._effects)
         waiting: list[tuple[int, int, Event]] = []
         num = 0
-        for recorded in read():
-            for item in state.take(recorded):
-                heapq.heappush(waiting, (max(item.log_ns, recorded.log_ns), num, item))
-                num += 1
-            while waiting and waiting[0][0] <= recorded.log_ns:
-                yield heapq.heappop(waiting)[2]
+        for log_ns, instant in groupby(read(), key=lambda event: event.log_ns):
+            while events := list(islice(instant, _AT_ONCE)):
+                state.keep_clouds(events)
+                for item in (item for recorded in events for item in state.take(recorded)):
+                    heapq.heappush(waiting, (max(item.log_ns, log_ns), num, item))
+                    num += 1
+                while waiting and waiting[0][0] <= log_ns:
+                    yield heapq.heappop(waiting)[2]
         while waiting:
             yield heapq.heappop(waiting)[2]
 
@@ -260,13 +264,15 @@ class _State:
             names = {str(p) for p in self._disturbance.parts if "truth" in needs_of(p.condition)}
             raise LogError(f"condition {min(names)} needs 3D truth in body coordinates; the log has none", "COR002")
 
+    def keep_clouds(self, events: Sequence[Event]) -> None:
+        """Keep the clouds of one log time, at which images may come first: many datasets give all sensors the same."""
+        self._clouds |= {event.sensor: event for event in events if isinstance(event, PointCloud)}
+
     def take(self, recorded: Event) -> Iterator[Event]:
         """Yield what becomes of a message, with its instant before it where conditions change times."""
         if isinstance(recorded, RigChange):
             self._set_rig(recorded.rig)
         if isinstance(recorded, RigChange | Tick | Pose) or recorded.sensor not in self._steps:
-            if isinstance(recorded, PointCloud):
-                self._clouds[recorded.sensor] = recorded
             yield recorded
             return
         if recorded.sensor in self._ticking:
@@ -278,8 +284,6 @@ class _State:
                 results = [item for result in results for item in self._apply(step, result, site)]
         self._effects.add(recorded, results)
         self._history[recorded.sensor].append(recorded)
-        if isinstance(recorded, PointCloud):
-            self._clouds[recorded.sensor] = recorded
         yield from results
 
     def _apply(self, step: Step, message: Measurement, site: Site) -> Sequence[Measurement]:
