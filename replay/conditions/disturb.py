@@ -3,7 +3,7 @@
 import heapq
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import groupby, islice
@@ -228,14 +228,12 @@ class DisturbedReader:
         state = _State(self._reader, self._disturbance, self._effects)
         waiting: list[tuple[int, int, Event]] = []
         num = 0
-        for log_ns, instant in groupby(read(), key=lambda event: event.log_ns):
-            while events := list(islice(instant, _AT_ONCE)):
-                state.keep_clouds(events)
-                for item in (item for recorded in events for item in state.take(recorded)):
-                    heapq.heappush(waiting, (max(item.log_ns, log_ns), num, item))
-                    num += 1
-                while waiting and waiting[0][0] <= log_ns:
-                    yield heapq.heappop(waiting)[2]
+        for recorded in state.look_ahead(read()):
+            for item in state.take(recorded):
+                heapq.heappush(waiting, (max(item.log_ns, recorded.log_ns), num, item))
+                num += 1
+            while waiting and waiting[0][0] <= recorded.log_ns:
+                yield heapq.heappop(waiting)[2]
         while waiting:
             yield heapq.heappop(waiting)[2]
 
@@ -264,15 +262,22 @@ class _State:
             names = {str(p) for p in self._disturbance.parts if "truth" in needs_of(p.condition)}
             raise LogError(f"condition {min(names)} needs 3D truth in body coordinates; the log has none", "COR002")
 
-    def keep_clouds(self, events: Sequence[Event]) -> None:
-        """Keep the clouds of one log time, at which images may come first: many datasets give all sensors the same."""
-        self._clouds |= {event.sensor: event for event in events if isinstance(event, PointCloud)}
+    def look_ahead(self, events: Iterable[Event]) -> Iterator[Event]:
+        """Pass events on, but keep the clouds of a log time before them: images may come first, and many datasets give
+        all sensors the same time.
+        """
+        for _, instant in groupby(events, key=lambda event: event.log_ns):
+            while at_once := list(islice(instant, _AT_ONCE)):
+                self._clouds |= {event.sensor: event for event in at_once if isinstance(event, PointCloud)}
+                yield from at_once
 
     def take(self, recorded: Event) -> Iterator[Event]:
         """Yield what becomes of a message, with its instant before it where conditions change times."""
         if isinstance(recorded, RigChange):
             self._set_rig(recorded.rig)
         if isinstance(recorded, RigChange | Tick | Pose) or recorded.sensor not in self._steps:
+            if isinstance(recorded, PointCloud):
+                self._clouds[recorded.sensor] = recorded
             yield recorded
             return
         if recorded.sensor in self._ticking:
@@ -284,6 +289,8 @@ class _State:
                 results = [item for result in results for item in self._apply(step, result, site)]
         self._effects.add(recorded, results)
         self._history[recorded.sensor].append(recorded)
+        if isinstance(recorded, PointCloud):
+            self._clouds[recorded.sensor] = recorded
         yield from results
 
     def _apply(self, step: Step, message: Measurement, site: Site) -> Sequence[Measurement]:

@@ -48,7 +48,7 @@ def distances(gray: Float32, size_wh: tuple[int, int], site: Site) -> Float32:
     """
     directions, camera, cloud = _directions(site.rig, site.sensor, size_wh, gray.shape), _camera(site), site.cloud
     if cloud is None or camera is None or cloud.sensor not in site.rig.mounts:
-        return 1 / _ground(directions, (0.0, 0.0, 0.0), site)
+        return np.reciprocal(_ground(directions, (0.0, 0.0, 0.0), site))
     body_T_lidar = site.rig.body_T_sensor(cloud.sensor)
     body_T_camera = site.rig.body_T_sensor(site.sensor)
     sampled = transform(body_T_lidar, cloud.xyz[:: max(1, len(cloud.xyz) // _SAMPLES)])
@@ -60,17 +60,17 @@ def distances(gray: Float32, size_wh: tuple[int, int], site: Site) -> Float32:
         widest = float(np.nanmin(directions @ body_T_camera[:3, 2].astype(np.float32))) - _BESIDE
         near = np.flatnonzero((z > widest * range_m) & (range_m > _NEAR_M))
     uv, _ = project(camera, in_camera[near])
-    inside = in_image(camera, uv)
-    uv, near = uv[inside], near[inside]
+    shown = in_image(camera, uv)
+    uv, near = uv[shown], near[shown]
     hits = _nearest(uv, range_m[near], directions.shape[:2], camera.size_wh)
     if np.count_nonzero(hits) < _FEWEST:
-        return 1 / ground
+        return np.reciprocal(ground)
     x, y, z = cloud.xyz[near].T
     altitude = np.degrees(np.arctan2(z, np.hypot(x, y)))
     low, high = np.quantile(altitude, (0.005, 0.995))
     rise = directions @ body_T_lidar[:3, 2].astype(np.float32)
-    sky = _sky(gray, directions) & (hits == 0)
-    known = _known(hits > 0, max(_HOLE_DEG, _spacing(altitude)), directions)
+    known, between = _spread(hits > 0, max(_HOLE_DEG, _spacing(altitude)), directions)
+    sky = _sky(gray, directions) & ~between
     inside = (rise >= np.sin(np.radians(low))) & (rise <= np.sin(np.radians(high))) & ~sky
     result = np.maximum(known * _fill(hits) + (1 - known) * ground, 1 / FAR_M)
     if inside.any():
@@ -89,17 +89,17 @@ def _directions(rig: Rig, sensor: str, size_wh: tuple[int, int], shape: tuple[in
     """Unit vectors (h, w, 3) in body coordinates of rays through the middles of cells; of a camera that nothing is
     known of they look ahead, in a field of view of 53 degrees. NaN where a lens sees nothing.
     """
-    (width, height), (rows, columns) = size_wh, shape
-    u, v = (np.arange(columns) + 0.5) * width / columns - 0.5, (np.arange(rows) + 0.5) * height / rows - 0.5
-    uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     camera = rig.cameras.get(sensor)
     if camera is None or not_projectable(camera) is not None:
-        center = ((width - 1) / 2, (height - 1) / 2)
-        camera = CameraModel(np.array([[width, 0, center[0]], [0, width, center[1]], [0, 0, 1.0]]), (width, height))
+        f, right, down = size_wh[0], (size_wh[0] - 1) / 2, (size_wh[1] - 1) / 2
+        camera = CameraModel(np.array([[f, 0, right], [0, f, down], [0, 0, 1.0]]), size_wh)
+    (width, height), (rows, columns) = camera.size_wh, shape
+    u, v = (np.arange(columns) + 0.5) * width / columns - 0.5, (np.arange(rows) + 0.5) * height / rows - 0.5
+    uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     rotation = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
     if sensor in rig.mounts:
         rotation = rig.body_T_sensor(sensor)[:3, :3]
-    result = (rays(camera, uv) @ rotation.T).reshape(rows, columns, 3).astype(np.float32)
+    result: Float32 = (rays(camera, uv) @ rotation.T).reshape(rows, columns, 3).astype(np.float32)
     result.setflags(write=False)
     return result
 
@@ -152,15 +152,18 @@ def _spacing(altitude_deg: Float64) -> float:
     return _BIN_DEG * float(used[-1] - used[0]) / (num - 1) if num > 1 else 0.0
 
 
-def _known(hit: Bool, hole_deg: float, directions: Float32) -> Float32:
-    """How much the nearest points say about each cell (h, w): 1 to 0."""
+def _spread(hit: Bool, hole_deg: float, directions: Float32) -> tuple[Float32, Bool]:
+    """How much the nearest points say about each cell (h, w), 1 to 0; and which cells lie between points."""
     rows, columns = hit.shape
     middle, beside = directions[rows // 2, columns // 2], directions[rows // 2, columns // 2 - 1]
     step_deg = float(np.degrees(np.sqrt(((beside - middle) ** 2).sum())))
     if not step_deg > 0:  # too few cells, or a lens that sees nothing there
         step_deg = _BIN_DEG
     away_deg = cv2.distanceTransform((~hit).astype(np.uint8), cv2.DIST_L2, 5) * np.float32(step_deg)
-    return np.asarray(np.exp(-0.5 * (np.maximum(away_deg - np.float32(hole_deg), 0) / np.float32(_FADE_DEG)) ** 2))
+    known = np.exp(-0.5 * (np.maximum(away_deg - np.float32(hole_deg), 0) / np.float32(_FADE_DEG)) ** 2)
+    side = 2 * min(max(1, round(hole_deg / step_deg)), 40) + 1
+    between = cv2.morphologyEx(hit.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
+    return np.asarray(known, np.float32), np.asarray(between > 0, np.bool_)
 
 
 def _fill(values: Float32) -> Float32:

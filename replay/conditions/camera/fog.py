@@ -10,7 +10,7 @@ from fbench.replay.conditions.camera.depth import FAR_M, distances, gray_cells
 from fbench.replay.conditions.camera.image_condition import ImageCondition
 from fbench.replay.conditions.camera.kernels import veil
 from fbench.replay.contracts.conditions import Level, Site
-from fbench.replay.data.arrays import Float32
+from fbench.replay.data.arrays import Array, Float32
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.messages import Image
 
@@ -34,7 +34,7 @@ def attenuate(pixels: Pixels, extinction_per_m: float, site: Site) -> Pixels:
 def _guide(values: Float32, gray: Float32) -> tuple[Float32, Float32]:
     """Slope and offset (h, w) by which values follow the edges of an image: the guided filter of He et al. (2013)."""
 
-    def mean(cells: Float32) -> Float32:
+    def mean(cells: Array) -> Float32:
         size = (2 * _RADIUS + 1, 2 * _RADIUS + 1)
         return np.asarray(cv2.blur(cells, size, borderType=cv2.BORDER_REPLICATE), np.float32)
 
@@ -47,7 +47,7 @@ def _guide(values: Float32, gray: Float32) -> tuple[Float32, Float32]:
 class FogWithoutDepth(ImageCondition):
     """Swaths of fog that know nothing of distance: (I + c P) m / (m + c), m the largest I, P a plasma fractal from 0 to
     1 whose octaves weaken by a factor. It stays over the log. Formula and levels of Hendrycks and Dietterich (ICLR
-    2019); their fractal of midpoints is here a sum of smooth octaves.
+    2019); their fractal of midpoints is here a sum of smooth octaves, with the tenth below and above cut off.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {
@@ -65,12 +65,12 @@ class FogWithoutDepth(ImageCondition):
 
 
 def plasma(rng: np.random.Generator, size_wh: tuple[int, int], decay: float, octaves: int = 7) -> Float32:
-    """Return smooth noise (H, W) from 0 to 1: octaves, each twice as fine and weaker by a factor."""
+    """Return smooth noise (H, W) from 0 to 1: octaves, each twice as fine and weaker by a factor; a tenth is 0, one 1."""
     width, height = size_wh
     total = np.zeros((height, width), np.float32)
     for octave in range(octaves):
         num = 2**octave + 1
         values = rng.uniform(-1, 1, (num, num)).astype(np.float32)
         total += cv2.resize(values, size_wh, interpolation=cv2.INTER_CUBIC) * np.float32(decay**-octave)
-    low, high = float(total.min()), float(total.max())
-    return (total - np.float32(low)) / np.float32(high - low) if high > low else np.full_like(total, 0.5)
+    low, high = np.quantile(total[:: max(1, height // 100), :: max(1, width // 100)], (0.1, 0.9)).astype(np.float32)
+    return np.clip((total - low) / (high - low), 0, 1) if high > low else np.full_like(total, 0.5)

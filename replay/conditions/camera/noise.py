@@ -118,7 +118,7 @@ def _gaussian(sigma: float) -> Array:
 
 @lru_cache(maxsize=8)
 def _uniform(width: float) -> Array:
-    return make_table(np.clip((_EDGES - _VALUES[:, None] + width) / max(2 * width, 1e-9), 0, 1))
+    return make_table(np.asarray(np.clip((_EDGES - _VALUES[:, None] + width) / max(2 * width, 1e-9), 0, 1), np.float64))
 
 
 @lru_cache(maxsize=8)
