@@ -56,6 +56,13 @@ class Site:
         seed, *rest = self.key[:-1]
         return generator(int(seed), *rest, *scope)
 
+    def rng_of_place(self, *scope: str | int) -> np.random.Generator:
+        """Return the generator of what persists for the whole log and is the same at every severity, so that more of it
+        is more of the same: where the sun stands, where dirt lies.
+        """
+        seed, condition, *rest = self.key
+        return generator(int(seed), str(condition).rpartition(":")[0], *rest, *scope)
+
     def rng_of(self, message: Measurement, *scope: str | int) -> np.random.Generator:
         """Return the generator of what is drawn anew for every message: it depends on no other message."""
         return self.rng(message.stamp_ns, message.log_ns, *scope)

@@ -57,7 +57,7 @@ class FogWithoutDepth(ImageCondition):
     def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Add the fractal."""
         height, width = pixels.shape[:2]
-        added = level["density"] * plasma(site.rng("plasma"), (width, height), level["decay"])[..., None]
+        added = level["density"] * plasma(site.rng_of_place("plasma"), (width, height), level["decay"])[..., None]
         most = int(pixels.max()) / 255
         if most == 0:
             return pixels.copy()
@@ -65,7 +65,7 @@ class FogWithoutDepth(ImageCondition):
 
 
 def plasma(rng: np.random.Generator, size_wh: tuple[int, int], decay: float, octaves: int = 7) -> Float32:
-    """Return smooth noise (H, W) from 0 to 1: octaves, each twice as fine and weaker by a factor; a tenth is 0, one 1."""
+    """Return smooth noise (H, W), a tenth of it 0 and a tenth 1: octaves, each twice as fine and weaker."""
     width, height = size_wh
     total = np.zeros((height, width), np.float32)
     for octave in range(octaves):

@@ -28,7 +28,7 @@ class SunGlare(ImageCondition):
     def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Add the disc and its halo."""
         height, width = pixels.shape[:2]
-        right, down = site.rng("sun").uniform((0.25, 0.30), (0.75, 0.45))
+        right, down = site.rng_of_place("sun").uniform((0.25, 0.30), (0.75, 0.45))
         u, v = np.arange(width) - right * (width - 1), np.arange(height) - down * (height - 1)
         away = (u * u + (v * v)[:, None]).astype(np.float32)
         radius = max(level["radius_px"] * width / _WIDTH_PX, 1.0)
@@ -46,7 +46,7 @@ class LensDirt(ImageCondition):
     def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Cover the spots."""
         height, width = pixels.shape[:2]
-        return hide(pixels, dirt(site.rng("dirt"), (width, height), level["dirty_share"]), _MUD)
+        return hide(pixels, dirt(site.rng_of_place("dirt"), (width, height), level["dirty_share"]), _MUD)
 
 
 def dirt(rng: np.random.Generator, size_wh: tuple[int, int], share: float) -> Float32:

@@ -14,7 +14,7 @@ from fbench.replay.data.images import Pixels
 _RATES = (2.5, 10.0, 25.0, 50.0, 100.0)
 _COVERED = (0.035, 0.08, 0.125, 0.175, 0.225)  # Share of the image behind streaks, at these rates
 _SLANT_DEG, _STREAK = 15.0, 225.0  # Greatest slant, and the brightness of a drop: nearly that of the sky
-_DULL, _DARKER, _DULL_FROM_MM_H = 0.3, 0.7, 2.0
+_DULL, _DARKER, _DULLEST_MM_H = 0.3, 0.7, 50.0
 _SNOW = {  # Rate [mm/h]: mean, sigma, zoom, threshold, radius and sigma of the blur [px], share that stays unwhitened
     0.05: (0.0, 0.3, 3.0, 1.0, 10.0, 4.0, 1.0),
     2.24: (0.1, 0.3, 3.0, 0.5, 10.0, 4.0, 0.8),
@@ -44,9 +44,10 @@ def add_rain(pixels: Pixels, rain_mm_h: float, rng: np.random.Generator) -> Pixe
 
 def dull(pixels: Pixels, rain_mm_h: float) -> Pixels:
     """Return the image under the sky of rain: 0.3 of its colors become gray, and V of HSV falls to 0.7 (Dong et al.,
-    CVPR 2023), from 2 mm/h on; of less rain a share.
+    CVPR 2023, at every level). Here it does so from 50 mm/h on, and less under less, with log(1 + R): else streaks and
+    airlight would brighten what is darkest in drizzle.
     """
-    share = min(1.0, rain_mm_h / _DULL_FROM_MM_H)
+    share = min(1.0, log(1 + rain_mm_h) / log(1 + _DULLEST_MM_H))
     gray = cv2.cvtColor(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     bright = 1 - (1 - _DARKER) * share
     return np.asarray(cv2.addWeighted(pixels, (1 - _DULL * share) * bright, gray, _DULL * share * bright, 0), np.uint8)

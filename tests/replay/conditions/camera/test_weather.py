@@ -206,7 +206,7 @@ def test_more_rain_covers_more_and_dims():
         shares.append((wet[..., 0] > np.median(wet) + 3).mean())
         means.append(in_weather(even(220), Weather(rain_mm_h=rate), site(cloud=wall(5))).mean())
     assert (np.diff(shares) > 0).all()
-    assert max(means) < 0.75 * 220
+    assert (np.diff(means) < 0).all()
 
 
 def test_streaks_fall_and_slant_by_fifteen_degrees_at_most():
@@ -220,7 +220,7 @@ def test_streaks_fall_and_slant_by_fifteen_degrees_at_most():
 def test_color_fades_in_rain():
     colored = even(0)
     colored[:] = (200, 60, 60)
-    wet = in_weather(colored, Weather(rain_mm_h=2.0), site(cloud=wall(5)))
+    wet = in_weather(colored, Weather(rain_mm_h=50), site(cloud=wall(2)))
     calm = np.median(wet[90:230].reshape(-1, 3), axis=0)  # where LiDAR's wall is
     assert calm[0] - calm[1] == pytest.approx(0.7 * 0.7 * 140, abs=4)
 
