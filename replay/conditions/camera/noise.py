@@ -118,9 +118,10 @@ def _gaussian(sigma: float) -> Array:
 
 @lru_cache(maxsize=8)
 def _uniform(width: float) -> Array:
-    return make_table(np.asarray(np.clip((_EDGES - _VALUES[:, None] + width) / max(2 * width, 1e-9), 0, 1), np.float64))
+    below = (_EDGES - _VALUES[:, None] + width) / max(2 * width, 1e-9)
+    return make_table(np.asarray(np.clip(below, 0, 1), np.float64))
 
 
 @lru_cache(maxsize=8)
 def _impulse(share: float) -> Array:
-    return make_table(share / 2 + (1 - share) * (_VALUES[:, None] < _EDGES))
+    return make_table(np.where(_VALUES[:, None] < _EDGES, 1 - share / 2, share / 2))
