@@ -1,6 +1,6 @@
 """A condition in one file: dust in the air takes LiDAR points, the far ones first.
 
-    fbench replay log.mcap -p lidar3d --condition examples/dust.py:Dust:3
+fbench replay log.mcap -p lidar3d --condition examples/dust.py:Dust:3
 """
 
 from dataclasses import replace
