@@ -272,7 +272,7 @@ def test_history_and_clouds_end_where_the_rig_changes():
 
 
 def test_what_a_log_lacks_is_an_error():
-    with pytest.raises(LogError, match="condition mine.lidar:2 can't act: 'lidar' has no ring") as found:
+    with pytest.raises(LogError, match=r"condition mine\.lidar:2 can't act: 'lidar' has no ring") as found:
         disturb(drive(2), part(Shift(("ring",)), sensors="lidar"))
     assert found.value.code == "COR002"
     with pytest.raises(LogError, match="needs 3D truth in body coordinates") as found:
