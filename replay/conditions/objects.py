@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.conditions.points import keep_points, move_points
+from fbench.replay.conditions.points import count_share, keep_points, move_points
 from fbench.replay.contracts.conditions import Level, Measurement, Need, Site
 from fbench.replay.data.arrays import Array, Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
@@ -87,24 +87,24 @@ def _box(boxes: Boxes3D, row: int) -> tuple[Float64, Float64]:
 
 
 class Density(_Objects):
-    """Each object loses a share of its points, drawn anew for every message: an exact number, rounded up."""
+    """Each object loses a share of its points, drawn anew for every message: round(share * points), at least one."""
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"removed_share": (0.1, 0.2, 0.3, 0.4, 0.5)}
 
     def _change(self, xyz: Float64, half_m: Array, eye_m: Array, level: Level, draws: _Draws) -> tuple[Bool, Float64]:
-        num = min(len(xyz), int(np.ceil(level["removed_share"] * len(xyz))))
+        num = count_share(len(xyz), level["removed_share"])
         stay = np.ones(len(xyz), bool)
         stay[draws.fresh().choice(len(xyz), num, replace=False)] = False
         return stay, xyz
 
 
 class Cutout(_Objects):
-    """Each object loses the share of its points that is nearest to one of them: an exact number, rounded up."""
+    """Each object loses the share of its points that is nearest to one of them: round(share * points), at least one."""
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"removed_share": (0.3, 0.4, 0.5, 0.6, 0.7)}
 
     def _change(self, xyz: Float64, half_m: Array, eye_m: Array, level: Level, draws: _Draws) -> tuple[Bool, Float64]:
-        num = min(len(xyz), int(np.ceil(level["removed_share"] * len(xyz))))
+        num = count_share(len(xyz), level["removed_share"])
         seed = xyz[int(draws.fresh().integers(len(xyz)))]
         stay = np.ones(len(xyz), bool)
         stay[np.argsort(((xyz - seed) ** 2).sum(axis=1), kind="stable")[:num]] = False
