@@ -11,11 +11,15 @@ from typing import Any, get_args
 from rich.table import Table
 
 from fbench.cli.show import console, make_table, say
+from fbench.replay.conditions.spec import load_condition, split_name
+from fbench.replay.conditions.weathers import WEATHER_OF
 from fbench.replay.contracts import plugins
+from fbench.replay.contracts.conditions import MakesWeather, needs_of
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.contracts.plugins import Group, default_params, pipeline_class, pipeline_parameters
 from fbench.replay.contracts.settings import BY_SENSOR, describe, has_sensor_settings
 from fbench.replay.contracts.variants import find_variants, variant_of
+from fbench.replay.data.rig import KINDS
 
 
 def parameter_docs(params: object) -> dict[str, str]:
@@ -145,6 +149,40 @@ def show_decoder(name: str) -> None:
         table.add_row(what, text)
     say(*filter(None, [name, *(inspect.getdoc(decoder.function) or "").splitlines()]))
     console().print(table)
+
+
+def show_conditions() -> None:
+    """List the conditions: on which sensors, and at which levels."""
+    table = _table("condition", "sensors", "severity 1 to 5")
+    for name in plugins.entry_points_of("conditions"):
+        condition = load_condition(name)
+        levels = "; ".join(f"{key} {_format_levels(values)}" for key, values in condition.levels.items())
+        table.add_row(name, ", ".join(condition.kinds), levels)
+    console().print(table)
+
+
+def show_condition(text: str) -> None:
+    """Print the formula of a condition, on which sensors it acts, what it needs, and its levels. Raises ConfigError for
+    an unknown name.
+    """
+    name, scope = split_name(text)
+    condition = load_condition(name)
+    kinds = [kind for kind in condition.kinds if scope in ("", kind) or scope not in KINDS]
+    say(text, *(inspect.getdoc(type(condition)) or "").splitlines())
+    if isinstance(condition, MakesWeather):
+        for kind in kinds:
+            say("", f"{kind}:", *(inspect.getdoc(WEATHER_OF[kind]) or "").splitlines())
+    needs = ", ".join(needs_of(condition))
+    say("", f"sensors: {', '.join(kinds)}{f', of these {scope}' if scope and scope not in KINDS else ''}")
+    say(f"needs: {needs or 'nothing'}")
+    table = make_table("severity", *"12345", right=list("12345"))
+    for key, values in condition.levels.items():
+        table.add_row(key, *(f"{value:g}" for value in values))
+    console().print(table)
+
+
+def _format_levels(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
 
 
 def show_metrics() -> None:

@@ -53,9 +53,9 @@ Stamps = Annotated[
 Condition = Annotated[
     str,
     Option(
-        metavar="NAME[.SENSORS][:LEVEL]",
-        help="Disturb the messages: fog:3, rain:25mmh+night, dropout.radar:1@5s-8s, or a TOML file; see fbench plugins "
-        "conditions.",
+        metavar="NAME:LEVEL",
+        help="Disturb the messages: fog:3, rain:25mmh+night, loss.radar:1 or fog@5s-8s, or a TOML file; see fbench "
+        "plugins conditions.",
     ),
 ]
 Seed = Annotated[int, Option(metavar="N", help="Random seed of conditions.")]
@@ -131,6 +131,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench replay log.mcap -p 'exec:./my_stack --fast' --truth labels.csv",
         "fbench replay log.mcap -p recorded:/perception/tracks",
         "fbench replay log.mcap -p radar3d --decoder acme.py:targets",
+        "fbench replay log.mcap -p late3d --condition fog:3+dropout.radar:1 --seed 4",
     ),
     "score": (
         "fbench score runs/log-lidar3d",
@@ -153,6 +154,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench plugins",
         "fbench plugins pipelines late3d",
         "fbench plugins decoders",
+        "fbench plugins conditions lidar.fog",
         "fbench plugins metrics hota",
         "fbench plugins profiles kitti-3dmot",
     ),
@@ -165,12 +167,14 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "log preview": (
         "fbench log preview log.mcap",
         "fbench log preview log.mcap -o pictures --frames 100:200 --num 4",
+        "fbench log preview log.mcap --condition rain:4 -o rain",
         "fbench log preview log.bag --offset lidar=-50 --topics '!rear*' --overwrite",
     ),
     "log convert": (
         "fbench log convert drive.mcap -o drive.parquet",
         "fbench log convert drive.bag -o part.mcap --from 12.5 --to 20 --topics '/lidar*'",
         "fbench log convert drive.mcap -o drive --split-s 60",
+        "fbench log convert drive.mcap -o foggy.mcap --condition fog:3",
     ),
     "log import": (
         "fbench log import astyx path/to/astyx -o astyx.mcap",

@@ -7,11 +7,12 @@ from typer import Argument
 
 def plugins(
     group: Annotated[
-        str | None, Argument(help="datasets, decoders, pipelines, metrics, profiles or reports.", show_default=False)
+        str | None,
+        Argument(help="conditions, datasets, decoders, pipelines, metrics, profiles or reports.", show_default=False),
     ] = None,
     name: Annotated[
         str | None,
-        Argument(help="Show one: its parameters, a metric's definition, a profile's rules.",
+        Argument(help="Show one: its parameters, a metric's definition, a profile's rules, a condition's levels.",
                        show_default=False),
     ] = None,
 ) -> None:  # fmt: skip
@@ -27,6 +28,10 @@ def plugins(
             listing.show_profiles()
         case "profiles", str():
             listing.show_profile(name)
+        case "conditions", None:
+            listing.show_conditions()
+        case "conditions", str():
+            listing.show_condition(name)
         case "decoders", None:
             listing.show_decoders()
         case "decoders", str():

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fbench.cli.show import console, fault_lines, latency_table, print_json, say, score_notes, score_table
+from fbench.replay.conditions.effects import describe
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.contracts.faults import UNVERIFIED
 from fbench.replay.runs.folder import Run
@@ -64,6 +65,9 @@ def _status(run: Run) -> list[str]:
     reasons = ((sensor, why) for frame in run.frames for sensor, why in frame.missing.items())
     missing = Counter(f"{sensor} ({_AMOUNT.sub('', why)})" for sensor, why in reasons)
     lines += [f"missing: {what} in {_count(num, 'frame')}" for what, num in sorted(missing.items())]
+    if manifest.conditions:
+        lines.append(f"conditions: {', '.join(map(str, manifest.conditions))}; seed {manifest.seed}")
+    lines += [f"changed: {sensor}: {describe(row)}" for sensor, row in manifest.effects.items()]
     counts = run.json("faults.json")
     for sensor, num in counts["late_messages"].items():
         late = f"late: {_count(num, 'message')} of {sensor} came after"

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import groupby, islice
-from typing import TypeAlias
+from types import MappingProxyType
+from typing import TypeAlias, TypeVar
 
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.conditions.weather import combine
@@ -16,6 +17,7 @@ from fbench.replay.contracts.conditions import (
     MAX_HISTORY,
     ChangesTimes,
     DisturbsRig,
+    Level,
     MakesWeather,
     Measurement,
     Need,
@@ -33,10 +35,12 @@ from fbench.replay.data.rig import KINDS, LogInfo, Rig, RigChange
 
 Event: TypeAlias = Message | RigChange | Tick
 
+T = TypeVar("T")
 _TRUTH_NS = 50_000_000  # Truth is of a message's instant up to this far away
 _CLOUD_NS = 300_000_000
-_RAW = "bgr8"
 _AT_ONCE = 64  # Messages of one log time that are held at most
+RAW = "bgr8"
+"""Encoding in which conditions get images."""
 
 
 @dataclass(frozen=True)
@@ -60,47 +64,45 @@ class Disturbance:
         return bool(self.parts)
 
     def rig(self, rig: Rig, log_id: str) -> Rig:
-        """Return the rig that a pipeline is told. Raises RunError where a condition fails."""
+        """Return the rig that a pipeline is given. Raises RunError where a condition fails, LogError where it can't
+        act on a sensor.
+        """
         result = rig
-        for part, sensors in self._scopes(rig):
+        for part in self.parts:
             if isinstance(part.condition, DisturbsRig):
-                for sensor in sensors:
-                    site = make_site(self, part.id, log_id, rig, sensor)
+                for sensor in _sensors_of(part, rig):
+                    site = make_site(self, Step((part,)), log_id, rig, sensor)
                     with guard_condition(part.name):
-                        result = part.condition.disturb_rig(result, part.level, site)
+                        result = part.condition.disturb_rig(result, site_level(part), site)
         return result
 
     def require_fits(self, rig: Rig) -> None:
         """Refuse what can't act on a log. Raises ConfigError where no sensor is in a part's scope, or its window lies
         outside of the log. Raises LogError where the rig lacks what a condition needs.
         """
-        seconds = (self.span.last_ns - self.span.first_ns) / 1e9
-        for part, sensors in self._scopes(rig):
-            if part.from_ns is not None and part.from_ns > self.span.last_ns - self.span.first_ns:
-                raise ConfigError(f"--condition {part}: the window begins after the log, which lasts {seconds:.3f} s")
-            if "calibration" in needs_of(part.condition) and not set(sensors) & set(rig.cameras):
-                raise LogError(f"condition {part} needs a calibrated camera", "COR002")
-
-    def _scopes(self, rig: Rig) -> Iterator[tuple[Part, tuple[str, ...]]]:
-        """Parts with the names of the sensors that they disturb. Raises ConfigError where there are none."""
+        length_ns = self.span.last_ns - self.span.first_ns
         for part in self.parts:
-            kinds = [KINDS[part.sensors]] if part.sensors in KINDS else list(part.condition.kinds)
-            names = rig.sensors(*(kind for kind in kinds if kind in part.condition.kinds))
-            if part.sensors and part.sensors not in KINDS:
-                try:
-                    names = choose_sensors(names, [part.sensors])
-                except ConfigError:
-                    names = ()
-            if not names:
+            sensors, needs = _sensors_of(part, rig), needs_of(part.condition)
+            if not sensors:
                 there = ", ".join(rig.sensors("camera", "lidar", "radar"))
                 raise ConfigError(f"--condition {part}: the log has no such sensor; it has: {there}", "CFG001")
-            yield part, names
+            if part.from_ns is not None and part.from_ns > length_ns:
+                lasts = f"the log, which lasts {length_ns / 1e9:.3f} s"
+                raise ConfigError(f"--condition {part}: the window begins after {lasts}")
+            if isinstance(part.condition, DisturbsRig) and (part.from_ns, part.to_ns) != (None, None):
+                raise ConfigError(
+                    f"--condition {part}: a wrong calibration holds for the whole log; leave out the window"
+                )
+            if "calibration" in needs and (bare := sorted(set(sensors) - set(rig.cameras))):
+                raise LogError(f"condition {part} can't act: {', '.join(bare)} has no calibration", "COR002")
+            if "cloud" in needs and not rig.sensors("lidar"):
+                raise LogError(f"condition {part} can't act: the log has no LiDAR", "COR002")
 
     def steps(self, rig: Rig) -> dict[str, list["Step"]]:
         """What acts on the messages of each sensor, in order: weathers of one scope and window as one."""
         found: dict[str, list[Step]] = {}
-        for part, sensors in self._scopes(rig):
-            for sensor in sensors:
+        for part in self.parts:
+            for sensor in _sensors_of(part, rig):
                 own = found.setdefault(sensor, [])
                 last = own[-1] if own else None
                 is_same = last is not None and last.is_weather and isinstance(part.condition, MakesWeather)
@@ -148,17 +150,55 @@ class Step:
         return (from_ns is None or at_ns >= from_ns) and (to_ns is None or at_ns < to_ns)
 
     def apply(self, message: Measurement, site: Site) -> Sequence[Measurement]:
-        """Disturb a message. Raises RunError where the condition fails."""
+        """Disturb a message. Raises RunError where the condition fails, or gives what it may not."""
         part = self.parts[0]
         with guard_condition(part.name):
             if self.is_weather:
                 weathers = [p.condition.weather(p.level) for p in self.parts if isinstance(p.condition, MakesWeather)]
                 return (disturb_by_weather(message, combine(weathers), site),)
-            results = tuple(part.condition.disturb(message, part.level, site))
+            results = tuple(part.condition.disturb(message, site_level(part), site))
             for result in results:
-                if type(result) is not type(message) or result.sensor != message.sensor:
-                    raise RunError(f"condition '{part.name}' gave {type(result).__name__} for {type(message).__name__}")
+                if wrong := find_wrong(message, result):
+                    raise RunError(f"condition '{part.name}' {wrong}", "COR001")
+            if not self.changes_times and times_of(results) != times_of([message]):
+                what = "drops, repeats, delays or restamps messages, but doesn't say changes_times = True"
+                raise RunError(f"condition '{part.name}' {what}", "COR001")
             return results
+
+
+def times_of(messages: Sequence[Measurement]) -> list[tuple[int, int, int | None]]:
+    """Return the stamp, time of delivery and frame number of each message."""
+    return [(message.stamp_ns, message.log_ns, message.frame_number) for message in messages]
+
+
+def find_wrong(message: Measurement, result: object) -> str:
+    """Say why a condition may not give a result for a message; empty where it may."""
+    if type(result) is not type(message):
+        return f"gave {type(result).__name__} for {type(message).__name__}"
+    if result.sensor != message.sensor:
+        return f"gave a message of '{result.sensor}' for one of '{message.sensor}'"
+    if result.log_ns < message.log_ns:
+        return f"delivered a message {(message.log_ns - result.log_ns) / 1e6:g} ms before it was recorded"
+    if isinstance(result, Image) and isinstance(message, Image) and result.size_wh != message.size_wh:
+        return f"gave an image of {result.size_wh} px for one of {message.size_wh}"
+    return ""
+
+
+def site_level(part: Part) -> Level:
+    """Return the numbers of a part, which its condition can't change."""
+    return MappingProxyType(dict(part.level))
+
+
+def _sensors_of(part: Part, rig: Rig) -> tuple[str, ...]:
+    """Names of the sensors that a part disturbs."""
+    kinds = [KINDS[part.sensors]] if part.sensors in KINDS else list(part.condition.kinds)
+    names = rig.sensors(*(kind for kind in kinds if kind in part.condition.kinds))
+    if not part.sensors or part.sensors in KINDS:
+        return names
+    try:
+        return choose_sensors(names, [part.sensors])
+    except ConfigError:
+        return ()
 
 
 @contextmanager
@@ -172,12 +212,14 @@ def guard_condition(name: str) -> Iterator[None]:
         raise RunError(f"condition '{name}' failed: {one_line(error)}", "COR001") from error
 
 
-def make_site(disturbance: Disturbance, condition: str, log_id: str, rig: Rig, sensor: str) -> Site:
+def make_site(disturbance: Disturbance, step: Step, log_id: str, rig: Rig, sensor: str) -> Site:
     """Return what a condition knows of a sensor before any message."""
-    span = disturbance.span
+    span, (from_ns, to_ns) = disturbance.span, step.window
     period_ns = span.period_ns.get(sensor, Site.period_ns)
-    key = (disturbance.seed, condition, log_id, sensor)
-    return Site(key, rig, sensor, rig.kinds[sensor], span.first_ns, span.last_ns, period_ns)
+    first_ns = span.first_ns + (from_ns or 0)
+    last_ns = span.last_ns if to_ns is None else min(span.last_ns, span.first_ns + to_ns)
+    key = (disturbance.seed, step.id, log_id, sensor)
+    return Site(key, rig, sensor, rig.kinds[sensor], first_ns, last_ns, period_ns)
 
 
 class DisturbedReader:
@@ -218,28 +260,44 @@ class DisturbedReader:
 
     def messages(self) -> Iterator[Event]:
         """All messages as they are delivered."""
-        return self._disturb(self._reader.messages)
+        return self._disturb(self._reader.messages())
 
     def events(self) -> Iterator[Event]:
         """The same with the instants of boxes."""
-        return self._disturb(self._reader.events)
+        return self._disturb(self._reader.events())
 
-    def _disturb(self, read: Callable[[], Iterator[Event]]) -> Iterator[Event]:
-        state = _State(self._reader, self._disturbance, self._effects)
-        waiting: list[tuple[int, int, Event]] = []
-        num = 0
-        for recorded in state.look_ahead(read()):
-            for item in state.take(recorded):
-                heapq.heappush(waiting, (max(item.log_ns, recorded.log_ns), num, item))
+    def _disturb(self, recorded: Iterator[Event]) -> Iterator[Event]:
+        disturber = Disturber(self._reader, self._disturbance, self._effects)
+        return in_order_of_delivery(recorded, disturber.foresee, disturber.disturb, lambda item: item.log_ns)
+
+
+def in_order_of_delivery(
+    recorded: Iterable[T],
+    foresee: Callable[[Sequence[T]], None],
+    disturb: Callable[[T], Iterable[T]],
+    log_ns: Callable[[T], int],
+) -> Iterator[T]:
+    """Yield what becomes of items, which come in the order of their log time and are delayed at most, in that of the
+    time of their delivery. Those of one log time are foreseen before any of them is disturbed.
+    """
+    waiting: list[tuple[int, int, T]] = []
+    num = 0
+    for now_ns, instant in groupby(recorded, log_ns):
+        while at_once := list(islice(instant, _AT_ONCE)):
+            foresee(at_once)
+            for result in (result for item in at_once for result in disturb(item)):
+                heapq.heappush(waiting, (max(log_ns(result), now_ns), num, result))
                 num += 1
-            while waiting and waiting[0][0] <= recorded.log_ns:
+            while waiting and waiting[0][0] <= now_ns:
                 yield heapq.heappop(waiting)[2]
-        while waiting:
-            yield heapq.heappop(waiting)[2]
+    while waiting:
+        yield heapq.heappop(waiting)[2]
 
 
-class _State:
-    """What is remembered from message to message."""
+class Disturber:
+    """Disturbs the messages of a log one by one, and remembers what conditions may know of earlier ones. Raises
+    LogError where a condition needs truth that the log lacks.
+    """
 
     def __init__(self, reader: Reader, disturbance: Disturbance, effects: Effects) -> None:
         self._disturbance, self._effects, self._log_id = disturbance, effects, reader.info.log_id
@@ -248,12 +306,12 @@ class _State:
         self._truths = list(reader.truths()) if "truth" in needs else []
         self._require_truth("truth" in needs)
         self._stamps = [truth.stamp_ns for truth in self._truths]
-        self._clouds: dict[str, PointCloud] = {}
 
     def _set_rig(self, rig: Rig) -> None:
         self._rig, self._steps = rig, self._disturbance.steps(rig)
         self._ticking = {name for name, steps in self._steps.items() if any(step.changes_times for step in steps)}
         self._history: dict[str, deque[Measurement]] = {name: deque(maxlen=MAX_HISTORY) for name in self._steps}
+        self._clouds: dict[str, PointCloud] = {}
 
     def _require_truth(self, is_needed: bool) -> None:
         self._truths = [t for t in self._truths if t.boxes3d is not None and not t.in_world]
@@ -262,16 +320,11 @@ class _State:
             names = {str(p) for p in self._disturbance.parts if "truth" in needs_of(p.condition)}
             raise LogError(f"condition {min(names)} needs 3D truth in body coordinates; the log has none", "COR002")
 
-    def look_ahead(self, events: Iterable[Event]) -> Iterator[Event]:
-        """Pass events on, but keep the clouds of a log time before them: images may come first, and many datasets give
-        all sensors the same time.
-        """
-        for _, instant in groupby(events, key=lambda event: event.log_ns):
-            while at_once := list(islice(instant, _AT_ONCE)):
-                self._clouds |= {event.sensor: event for event in at_once if isinstance(event, PointCloud)}
-                yield from at_once
+    def foresee(self, events: Sequence[object]) -> None:
+        """Keep the clouds of one log time: images may come before them, where all sensors have the same clock."""
+        self._clouds |= {event.sensor: event for event in events if isinstance(event, PointCloud)}
 
-    def take(self, recorded: Event) -> Iterator[Event]:
+    def disturb(self, recorded: Event) -> Iterator[Event]:
         """Yield what becomes of a message, with its instant before it where conditions change times."""
         if isinstance(recorded, RigChange):
             self._set_rig(recorded.rig)
@@ -282,34 +335,24 @@ class _State:
             return
         if recorded.sensor in self._ticking:
             yield Tick(recorded.sensor, recorded.stamp_ns, recorded.log_ns, recorded.frame_number)
+        raw: Measurement = recorded
         results: list[Measurement] = [recorded]
         for step in self._steps[recorded.sensor]:
             if step.holds(recorded.log_ns, self._disturbance.span.first_ns):
                 site = self._site(step, recorded)
-                results = [item for result in results for item in self._apply(step, result, site)]
-        self._effects.add(recorded, results)
+                if isinstance(recorded, Image) and not step.changes_times:
+                    raw = _decode(raw)
+                    results = [raw if result is recorded else _decode(result) for result in results]
+                results = [item for result in results for item in _apply(step, result, site)]
+        results = [recorded if result is raw else result for result in results]
+        self._effects.add(recorded, results, raw)
         self._history[recorded.sensor].append(recorded)
         if isinstance(recorded, PointCloud):
             self._clouds[recorded.sensor] = recorded
         yield from results
 
-    def _apply(self, step: Step, message: Measurement, site: Site) -> Sequence[Measurement]:
-        """Disturb a message; conditions get images as raw BGR, and none that can't be decoded. Raises LogError where
-        the message lacks what the condition needs.
-        """
-        lacking = [need for need in sorted(step.needs) if not _has(message, need)]
-        if lacking:
-            what = f"'{message.sensor}' has no {', '.join(lacking)}"
-            raise LogError(f"condition {step.parts[0]} can't act: {what}", "COR002")
-        if not isinstance(message, Image) or message.encoding == _RAW or step.changes_times:
-            return step.apply(message, site)
-        pixels = decode(message)
-        if pixels is None:
-            return (message,)
-        return step.apply(replace(message, data=pixels.tobytes(), encoding=_RAW, video=None), site)
-
     def _site(self, step: Step, message: Measurement) -> Site:
-        site = make_site(self._disturbance, step.id, self._log_id, self._rig, message.sensor)
+        site = make_site(self._disturbance, step, self._log_id, self._rig, message.sensor)
         cloud = None
         if isinstance(message, Image):
             near = [c for _, c in sorted(self._clouds.items()) if abs(message.stamp_ns - c.stamp_ns) <= _CLOUD_NS]
@@ -321,6 +364,25 @@ class _State:
         at = bisect_left(self._stamps, stamp_ns)
         near = [t for t in self._truths[max(0, at - 1) : at + 1] if abs(t.stamp_ns - stamp_ns) <= _TRUTH_NS]
         return min(near, key=lambda t: abs(t.stamp_ns - stamp_ns)).boxes3d if near else None
+
+
+def _decode(message: Measurement) -> Measurement:
+    """Return an image as raw BGR, or as it is where it can't be decoded."""
+    if not isinstance(message, Image) or message.encoding == RAW or (pixels := decode(message)) is None:
+        return message
+    return replace(message, data=pixels.tobytes(), encoding=RAW, video=None)
+
+
+def _apply(step: Step, message: Measurement, site: Site) -> Sequence[Measurement]:
+    """Disturb a message, unless it is an image that can't be decoded. Raises LogError where the message lacks what the
+    condition needs.
+    """
+    lacking = [need for need in sorted(step.needs) if not _has(message, need)]
+    if lacking:
+        what = f"'{message.sensor}' has no {', '.join(lacking)}"
+        raise LogError(f"condition {step.parts[0]} can't act: {what}", "COR002")
+    is_damaged = isinstance(message, Image) and message.encoding != RAW and not step.changes_times
+    return (message,) if is_damaged else step.apply(message, site)
 
 
 def _has(message: Measurement, need: Need) -> bool:

@@ -15,6 +15,7 @@ from fbench.replay.formats.documents import TomlError, parse_toml
 
 CLEAR = "clear"
 _DEFAULT = "3"
+_FILE, _SUFFIX = ".py:", ".toml"
 _WINDOW = re.compile(r"@(?:(?P<begin>\d+(?:\.\d+)?)s)?-(?:(?P<end>\d+(?:\.\d+)?)s)?$")
 _STRENGTH = re.compile(r":(?P<number>\d+(?:\.\d+)?)(?P<unit>[a-z%]*)$")
 _UNITS: Mapping[str, str] = {
@@ -29,26 +30,34 @@ def parse_conditions(text: str) -> tuple[Part, ...]:
     """Return the parts of `NAME[.SENSORS][:STRENGTH][@FROM-TO]`, joined by `+`, or of a TOML file; those of severity 0
     and `clear` are none. Raises ConfigError where a part can't be understood, with the nearest name.
     """
-    if text.endswith(".toml"):
+    if text.endswith(_SUFFIX):
         return _read_file(Path(text))
     parts = [_parse(part.strip(), text) for part in text.split("+")]
     return tuple(part for part in parts if part is not None)
 
 
+def with_absolute_files(text: str) -> str:
+    """Return what `parse_conditions` takes as seen from any folder."""
+    if text.endswith(_SUFFIX):
+        return str(Path(text).resolve())
+    parts = (part.strip().rpartition(_FILE) for part in text.split("+"))
+    return "+".join(f"{Path(path + '.py').resolve()}:{rest}" if path else rest for path, _, rest in parts)
+
+
 def _parse(text: str, whole: str) -> Part | None:
-    where = f"--condition {whole}"
+    where, shown = (name.replace("@", " @") for name in (f"--condition {whole}", text))  # else taken for a password
     head, from_ns, to_ns = text, None, None
     if "@" in text:
         window = _WINDOW.search(text)
         if window is None or window.group() == "@-":
-            raise ConfigError(f"{where}: '{text}': expected a window such as @5s-8s after '@'")
+            raise ConfigError(f"{where}: '{shown}': expected a window such as @5s-8s after '@'")
         head = text[: window.start()]
         from_ns, to_ns = (
             None if seconds is None else round(float(seconds) * 1e9) for seconds in window.group("begin", "end")
         )
     found = _STRENGTH.search(head)
     name, strength = (head, _DEFAULT) if found is None else (head[: found.start()], found.group()[1:])
-    if found is None and ":" in head and ".py:" not in head:
+    if found is None and ":" in head and _FILE not in head:
         raise ConfigError(f"{where}: '{text}': expected a severity of 0 to {NUM_LEVELS}, or a value such as 150m")
     return _make(where, name, strength, "", from_ns, to_ns)
 
@@ -58,18 +67,25 @@ def _make(where: str, text: str, strength: str, sensors: str, from_ns: int | Non
         raise ConfigError(f"{where}: the window ends at {to_ns / 1e9:g} s, before it begins")
     if text == CLEAR:
         return None
-    name, scope = _split_name(where, text)
+    name, scope = split_name(text, f"{where}: ")
     if scope and sensors:
         raise ConfigError(f"{where}: '{text}' names sensors already")
     condition = load_condition(name)
+    if strength.isascii() and strength.isdecimal():
+        strength = str(int(strength))  # random numbers depend on it
     level = make_level(where, name, condition, strength)
-    return None if level is None else Part(name, condition, strength, level, scope or sensors, from_ns, to_ns)
+    label = Path(name).name if _FILE in name else name  # random numbers don't depend on where a file lies
+    return None if level is None else Part(label, condition, strength, level, scope or sensors, from_ns, to_ns)
 
 
-def _split_name(where: str, text: str) -> tuple[str, str]:
-    """Split what names sensors from the name of a condition: `lidar.fog`, `dropout.radar`, `lidar.fog.lidar_top`."""
-    if ".py:" in text:
-        return text, ""
+def split_name(text: str, where: str = "") -> tuple[str, str]:
+    """Return the name of a condition and what names sensors in `lidar.fog`, `dropout.radar` or `lidar.fog.lidar_top`.
+    Raises ConfigError, beginning with `where`, for an unknown name, with the nearest one.
+    """
+    if _FILE in text:
+        path, _, member = text.rpartition(_FILE)
+        class_name, _, scope = member.partition(".")
+        return f"{path}{_FILE}{class_name}", scope
     names = entry_points_of("conditions")
     kind, _, rest = text.partition(".")
     pairs = [(text, "")] + ([(rest, kind)] if kind in KINDS else [])
@@ -79,7 +95,7 @@ def _split_name(where: str, text: str) -> tuple[str, str]:
             name = ".".join(words[:num])
             if name in names:
                 return name, ".".join(words[num:]) or prefix
-    raise ConfigError(f"{where}: unknown condition '{text}'{did_you_mean(text, names)}")
+    raise ConfigError(f"{where}unknown condition '{text}'{did_you_mean(text, names)}")
 
 
 def load_condition(name: str) -> Condition:
@@ -105,10 +121,12 @@ def make_level(where: str, name: str, condition: Condition, strength: str) -> di
     first = next(iter(levels), "")
     ending = None if found is None else _UNITS.get(found["unit"])
     if found is None or ending is None or not first.endswith(ending):
-        units = [unit for unit, end in _UNITS.items() if first.endswith(end)]
-        hint = f", or a value such as {levels[first][2]:g}{units[-1]}" if units else ""
+        unit = next((unit for unit, end in reversed(_UNITS.items()) if first.endswith(end)), "")
+        hint = f", or a value such as {levels[first][2] * (100 if unit == '%' else 1):g}{unit}" if unit else ""
         raise ConfigError(f"{where}: '{name}:{strength}': expected a severity of 0 to {NUM_LEVELS}{hint}")
     value = float(found["number"]) / (100 if found["unit"] == "%" else 1)
+    if found["unit"] == "%" and value > 1:
+        raise ConfigError(f"{where}: '{name}:{strength}': expected at most 100%")
     return {**{key: float(values[2]) for key, values in levels.items()}, first: value}
 
 
@@ -144,6 +162,8 @@ def _read_file(path: Path) -> tuple[Part, ...]:
         raise ConfigError(f"{where}: {first_wrong(error)}", "CFG003") from error
     parts = []
     for entry in file.conditions:
+        if _FILE in entry.name:
+            raise ConfigError(f"{where}: {entry.name} runs code; name it on the command line")
         if entry.severity is not None and entry.value is not None:
             raise ConfigError(f"{where}: '{entry.name}': give either severity or value")
         strength = entry.value or (_DEFAULT if entry.severity is None else str(entry.severity))

@@ -6,7 +6,7 @@ from math import log
 
 import numpy as np
 
-from fbench.replay.conditions.lidar.echoes import FogReturn, fog_return
+from fbench.replay.conditions.lidar.echoes import FogReturn, Particles, fog_return, rain_drops, snow_flakes
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array
 
@@ -81,22 +81,28 @@ def rain_extinction_per_m(rain_mm_h: float) -> float:
     return float(3.65e-4 * rain_mm_h**0.63)
 
 
-def snow_extinction_per_m(snow_mm_h: float) -> float:
-    """Return the extinction [1/m] of snow of a rate in water [mm/h]: 1.44e-3 R^0.57. The cross-sections, counted twice
-    as for rain, of Gunn and Marshall's flakes (1958) as they melt: 7.6e3 R^-0.87 exp(-2.55 R^-0.48 D) /m^3/mm.
-    """
-    return float(1.44e-3 * snow_mm_h**0.57)
-
-
 def fog_extinction_per_m(weather: Weather) -> float:
     """Return the extinction [1/m] of fog and haze; never 0, in clear air that of 20 km: 1.5e-4."""
     return koschmieder_per_m(weather.visibility_m)
 
 
+def snow_extinction_per_m(snow_mm_h: float) -> float:
+    """Return the extinction [1/m] of snow: 1.44e-3 S^0.57, the geometric cross-sections of Gunn and Marshall's flakes
+    (1958), each counted twice.
+    """
+    return snow_flakes(snow_mm_h).extinction_per_m if snow_mm_h > 0 else 0.0
+
+
 def extinction_per_m(weather: Weather) -> float:
     """Return the extinction [1/m] of visible light and near infrared by fog, rain and snow together (Beer-Lambert)."""
-    falling = rain_extinction_per_m(weather.rain_mm_h) + snow_extinction_per_m(weather.snow_mm_h)
-    return fog_extinction_per_m(weather) + falling
+    fallen = rain_extinction_per_m(weather.rain_mm_h) + snow_extinction_per_m(weather.snow_mm_h)
+    return fog_extinction_per_m(weather) + fallen
+
+
+def particles_of(weather: Weather) -> tuple[Particles, ...]:
+    """Return the drops and flakes that beams of light meet."""
+    rates = ((weather.rain_mm_h, rain_drops), (weather.snow_mm_h, snow_flakes))
+    return tuple(kind(rate) for rate, kind in rates if rate > 0)
 
 
 def transmission(weather: Weather, distance_m: Array) -> Array:
@@ -110,17 +116,20 @@ def fog_of(weather: Weather) -> FogReturn:
 
 
 def radar_loss_db(weather: Weather, range_m: Array, frequency_ghz: float = 77.0) -> Array:
-    """Return what rain and fog take from radar echoes at `range_m` (N,) [m], there and back [dB]. Raises ConfigError
-    where the frequency is none of car radars, 24 to 81 GHz.
+    """Return what rain, snow and fog take from radar echoes at `range_m` (N,) [m], there and back [dB]. Snow takes a
+    quarter of what rain of equal water does, which is chosen: dry snow takes hardly anything, wet snow as much as rain.
+    Raises ConfigError where the frequency is none of car radars, 24 to 81 GHz.
     """
     rain = radar_rain_db_per_km(weather.rain_mm_h, frequency_ghz)
-    per_km = rain + fog_db_per_km(fog_extinction_per_m(weather), frequency_ghz)
+    snow = _SNOW_SHARE * radar_rain_db_per_km(weather.snow_mm_h, frequency_ghz)
+    per_km = rain + snow + fog_db_per_km(fog_extinction_per_m(weather), frequency_ghz)
     return np.asarray(range_m) * (2 * per_km / 1000)
 
 
 _GHZ = (24.0, 60.0, 76.0, 76.5, 77.0, 79.0, 81.0)
 _K = (0.1404, 0.8515, 1.1139, 1.1208, 1.1276, 1.1541, 1.1793)
 _A = (0.9561, 0.7486, 0.7091, 0.7082, 0.7073, 0.7038, 0.7004)
+_SNOW_SHARE = 0.25
 _LIQUID_77 = 3.15  # Attenuation of fog at 77 GHz and 10 C [dB/km per g/m^3] (ITU-R P.840)
 
 

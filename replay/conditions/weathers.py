@@ -1,6 +1,6 @@
 """Weathers as conditions: one state of the air and the light, which every sensor of the rig obeys."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
 from fbench.replay.conditions.camera.weather import disturb_image
@@ -10,6 +10,11 @@ from fbench.replay.conditions.weather import Weather
 from fbench.replay.contracts.conditions import Level, Measurement, Site
 from fbench.replay.data.messages import Image, PointCloud
 from fbench.replay.data.rig import Kind
+
+WEATHER_OF: Mapping[Kind, Callable[..., Measurement]] = {
+    "camera": disturb_image, "lidar": disturb_cloud, "radar": disturb_scan,
+}  # fmt: skip
+"""What weather does to a message of each kind of sensor."""
 
 
 def disturb_by_weather(message: Measurement, weather: Weather, site: Site) -> Measurement:

@@ -145,10 +145,9 @@ class Part:
 
     def __str__(self) -> str:
         scope = f".{self.sensors}" if self.sensors else ""
-        if self.from_ns is None and self.to_ns is None:
-            return f"{self.name}{scope}:{self.strength}"
         begin, end = ("" if ns is None else f"{ns / 1e9:g}s" for ns in (self.from_ns, self.to_ns))
-        return f"{self.name}{scope}:{self.strength} ({begin}-{end})"
+        window = f" ({begin}-{end})" if begin or end else ""  # with an @, errors would take it for a password
+        return f"{self.name}{scope}:{self.strength}{window}"
 
 
 def require_levels(name: str, condition: Condition) -> None:

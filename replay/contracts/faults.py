@@ -63,6 +63,8 @@ FAULTS: dict[str, FaultKind] = {
     "TIM008": FaultKind("fatal", "clocks of two sensors differ"),
     "TIM011": FaultKind("degrade", "topic without stamps, those of recording taken"),
     "TIM013": FaultKind("degrade", "times of points that aren't understood, left out"),
+    "COR001": FaultKind("fatal", "condition failed, or gave what it may not"),
+    "COR002": FaultKind("fatal", "condition needs what the log lacks"),
     "FRM001": FaultKind("count", "sensor that the pipeline needs is in fewer than a tenth of the frames"),
     "GT001": FaultKind("fatal", "nothing has truth; sequences of files without truth are left out and listed"),
     "GT003": FaultKind("fatal", "one id twice in a frame, in truth or tracks"),

@@ -1,16 +1,33 @@
 """Conformance tests for plug-ins, for their authors; the built-ins pass them."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import islice
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from fbench.replay.conditions.disturb import find_wrong, times_of
+from fbench.replay.conditions.effects import Effects
+from fbench.replay.conditions.generators import generator
+from fbench.replay.contracts.conditions import (
+    NUM_LEVELS,
+    ChangesTimes,
+    Condition,
+    DisturbsRig,
+    Level,
+    Measurement,
+    require_levels,
+)
 from fbench.replay.contracts.decoders import Decoder
-from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.contracts.errors import DecodeError, FbenchError, one_line
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import FrameRange, ImportRequest, check_items
 from fbench.replay.contracts.protocols import Importer
+from fbench.replay.contracts.street import Call, Street, list_calls
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.logs.codecs.codec import NothingError, Origin
 from fbench.replay.logs.codecs.plugin import PluginCodec
@@ -132,6 +149,128 @@ def check_decoder(decoder: Decoder, log: Path, max_messages: int = 100) -> int:
         num += sum(found is not None for found in first)
     _require(num > 0, f"{log}: every message gives None")
     return num
+
+
+def check_condition(make: Callable[[], Condition], num_messages: int = 12) -> None:
+    """See that a condition keeps what its protocol promises, at all severities, on a street in memory.
+
+    It gives messages of the same type and sensor, finite, none delivered early; without `changes_times = True` one
+    each, with the same times. It changes something at every severity, on average more at higher ones, and never its
+    input. What becomes of a message depends on no other one, and on no instance of the condition.
+
+    Args:
+        make: Makes a condition; called several times.
+        num_messages: So many messages of each sensor are disturbed.
+
+    Raises:
+        AssertionError: saying what it doesn't keep.
+        ConfigError: where its levels aren't five numbers each.
+    """
+    require_levels("checked", make())
+    street = Street(num_messages)
+    found = [_measure_severity(make, street, severity) for severity in range(1, NUM_LEVELS + 1)]
+    by_kind = {kind: [amounts[kind] for amounts in found] for kind in found[0]}
+    by_kind = {kind: rows for kind, rows in by_kind.items() if any(any(row.values()) for row in rows)}
+    _require(bool(by_kind), "changes nothing at any severity")
+    for kind, rows in by_kind.items():
+        empty = [str(severity) for severity, row in enumerate(rows, 1) if not any(row.values())]
+        _require(not empty, f"changes nothing of a {kind} at severity {', '.join(empty)}")
+        series = {name: [row[name] for row in rows] for name in rows[0]}
+        is_even = all(np.allclose(values, values[0], rtol=_NOISE) for values in series.values())
+        is_growing = any(
+            values[-1] > values[0] and all(b >= a - _NOISE * max(values) for a, b in pairwise(values))
+            for values in series.values()
+        )
+        _require(is_even or is_growing, f"changes no more of a {kind} at higher severities: {series}")
+
+
+_NOISE = 0.05  # Of the largest mean over few messages: so much one may be below that of the severity before
+_NUM_SEEDS = 64  # For what is drawn once a log or once a message
+
+
+def _measure_severity(make: Callable[[], Condition], street: Street, severity: int) -> dict[str, dict[str, float]]:
+    """How much a condition changes on average, by kind of sensor. Raises AssertionError where it breaks its promise."""
+    first, second = make(), make()
+    level = {name: float(values[severity - 1]) for name, values in first.levels.items()}
+    may_change_times = isinstance(first, ChangesTimes) and first.changes_times
+    amounts: dict[str, list[dict[str, float]]] = {}
+    inputs = digest([*street.messages(), *street.truths()])
+    calls = list_calls(first, street, severity)
+    results = [_call(first, call, level) for call in calls]
+    order = generator(severity, "order").permutation(len(calls))
+    again = {int(num): digest(list(_call(second, calls[num], level))) for num in order}
+    for num, (call, found) in enumerate(zip(calls, results, strict=True)):
+        where = f"severity {severity}, {call.message.sensor} at {call.message.stamp_ns}"
+        for result in found:
+            _require(not (wrong := find_wrong(call.message, result)), f"{where}: {wrong}")
+            _require(_is_finite(result), f"{where}: gives numbers that aren't finite")
+        is_same = times_of(found) == times_of([call.message])
+        _require(may_change_times or is_same, f"{where}: changes times, but doesn't say changes_times = True")
+        _require(digest(list(found)) == again[num], f"{where}: gives another result after other messages")
+        amounts.setdefault(call.site.kind, []).append(_measure(call.message, found))
+    for seed in range(1, _NUM_SEEDS if may_change_times else 1):
+        for call in (call.with_seed(seed) for call in calls):
+            amounts[call.site.kind].append(_measure(call.message, _call(first, call, level)))
+    is_same = inputs == digest([*street.messages(), *street.truths()])
+    _require(is_same, f"severity {severity}: changes its input")
+    if isinstance(first, DisturbsRig) and isinstance(second, DisturbsRig):
+        for sensor, site in {call.message.sensor: call.site for call in calls}.items():
+            given = first.disturb_rig(street.rig, level, site)
+            is_same = digest(given) == digest(second.disturb_rig(street.rig, level, site))
+            _require(is_same, f"severity {severity}: gives another rig the second time")
+            effects = Effects()
+            effects.add_rig(street.rig, given)
+            amounts[site.kind] = [effects.rows().get(sensor, {})]
+    return {
+        kind: {name: float(np.mean([row[name] for row in rows])) for name in rows[0]} for kind, rows in amounts.items()
+    }
+
+
+def _call(condition: Condition, call: Call, level: Level) -> tuple[Measurement, ...]:
+    try:
+        return call.disturb(condition, level)
+    except FbenchError:
+        raise
+    except Exception as error:
+        raise AssertionError(f"{call.message.sensor} at {call.message.stamp_ns}: fails: {one_line(error)}") from error
+
+
+def _is_finite(message: Measurement) -> bool:
+    arrays = (value for f in fields(message) if isinstance(value := getattr(message, f.name), np.ndarray))
+    return all(np.isfinite(array).all() for array in arrays)
+
+
+def _measure(message: Measurement, results: Sequence[Measurement]) -> dict[str, float]:
+    """What became of one message, in numbers of which the larger one is the larger change."""
+    first = results[0] if results else message
+    amounts = {
+        "dropped": float(not results), "added": float(max(0, len(results) - 1)),
+        "late_ns": float(sum(result.log_ns - message.log_ns for result in results)),
+        "restamped_ns": float(abs(first.stamp_ns - message.stamp_ns)),
+    }  # fmt: skip
+    if isinstance(message, Image) or isinstance(first, Image):
+        if getattr(first, "data", None) is getattr(message, "data", None):
+            return {**amounts, "gray_levels": 0.0, "squared": 0.0}
+        old, new = (decode(image) if isinstance(image, Image) else None for image in (message, first))
+        difference = np.zeros(1) if old is None or new is None else old.astype(np.float64) - new
+        return {**amounts, "gray_levels": float(np.abs(difference).mean()), "squared": float((difference**2).mean())}
+    if np.array_equal(_rows(message), _rows(first)):
+        return amounts | dict.fromkeys(("gone", "new", "fewer", "moved_m", "values", "total"), 0.0)
+    old_rows, new_rows = ({row.tobytes() for row in _rows(points)} for points in (message, first))
+    amounts |= {"gone": float(len(old_rows - new_rows)), "new": float(len(new_rows - old_rows))}
+    amounts |= {"fewer": float(max(0, len(message.xyz) - len(first.xyz))), "moved_m": 0.0, "values": 0.0}
+    amounts["total"] = float(np.abs(_rows(first)[:, 3:].sum(axis=0) - _rows(message)[:, 3:].sum(axis=0)).sum())
+    if len(message.xyz) == len(first.xyz):
+        change = np.abs(_rows(first) - _rows(message))
+        amounts |= {"moved_m": float(change[:, :3].sum()), "values": float(change[:, 3:].sum())}
+    return amounts
+
+
+def _rows(points: PointCloud | RadarScan) -> Float64:
+    """Coordinates of points beside their other values."""
+    names = ("intensity",) if isinstance(points, PointCloud) else ("radial_velocity_mps", "rcs_dbsm")
+    values = [getattr(points, name) for name in names]
+    return np.column_stack([points.xyz, *(value for value in values if value is not None)]).astype(np.float64)
 
 
 class _Result(NamedTuple):

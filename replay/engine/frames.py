@@ -118,7 +118,7 @@ class FrameStream:
         self.poses.finish()
 
     def _take(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
-        if not isinstance(message, Tick) and message.sensor in self._known:
+        if message.sensor in self._known:
             self._clocks.check(message)
         if self._start_ns is None and (isinstance(message, Tick) or message.sensor in self._known):
             self._start_ns = message.stamp_ns

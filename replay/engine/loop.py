@@ -124,18 +124,21 @@ class _Loop:
                     f"sensor '{plain}' has credentials or a query in its name; give it another in fbench.toml "
                     "([sensors.NAME] with its topic), or leave it out with --topics"
                 )
+        rig = self._disturb_rig()
         try:
             with guard(f"pipeline '{self._plan.name}' can't start"):
-                self._plan.pipeline.start(self._told_rig(), self._info)
+                self._plan.pipeline.start(rig, self._info)
         except LogError as error:
             if self._plan.variant is None:
                 raise
             base = self._plan.variant.base
             raise LogError(f"{error}; {self._plan.name} is a variant of {base}", error.code) from error
 
-    def _told_rig(self) -> Rig:
-        """The rig that the pipeline is told, maybe disturbed; results are judged by the true one."""
-        return self._plan.disturbance.rig(self._rig, self._info.log_id)
+    def _disturb_rig(self) -> Rig:
+        """Return the rig that the pipeline is given, maybe disturbed; results are judged by the true one."""
+        rig = self._plan.disturbance.rig(self._rig, self._info.log_id)
+        self._effects.add_rig(self._rig, rig)
+        return rig
 
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
@@ -186,11 +189,13 @@ class _Loop:
 
     def _run_pipeline(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
-        pipeline = self._plan.pipeline
+        pipeline, changed = self._plan.pipeline, None
+        if self._rig is not self.stream.rig:
+            self._rig = self.stream.rig
+            changed = self._disturb_rig()
         try:
-            if self._rig is not self.stream.rig:
-                self._rig = self.stream.rig
-                pipeline.start(self._told_rig(), self._info)
+            if changed is not None:
+                pipeline.start(changed, self._info)
             if frame.segment != self._segment:  # a segment begins, or an excerpt in the middle of one
                 is_first, self._segment = self._segment is None, frame.segment
                 if frame.index:

@@ -116,8 +116,10 @@ class ClockCheck:
         self._reference, self._trusted = reference, params.offsets_ns
         self._skews_ns: dict[str, int] = {}
 
-    def check(self, message: Message) -> None:
-        """Take a restamped message. Raises LogError where its clock, or one heard before the reference, is another."""
+    def check(self, message: Message | Tick) -> None:
+        """Take a restamped message, or the instant at which it was recorded where conditions change its times: those
+        may set clocks wrong. Raises LogError where its clock, or one heard before the reference, is another.
+        """
         skews_ns, reference = self._skews_ns, self._reference
         if message.sensor in skews_ns:
             return

@@ -97,6 +97,12 @@ class ConditionEntry(_Strict):
     from_s: float | None = None  # After the log's first message, in log time
     to_s: float | None = None
 
+    def __str__(self) -> str:
+        scope = f".{self.sensors}" if self.sensors else ""
+        begin, end = ("" if seconds is None else f"{seconds:g}s" for seconds in (self.from_s, self.to_s))
+        window = f" ({begin}-{end})" if begin or end else ""
+        return f"{self.name}{scope}:{self.strength}{window}"
+
 
 class InputEntry(_Strict):
     """A file beside the log that decided how it was read."""

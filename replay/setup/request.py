@@ -8,7 +8,7 @@ from typing import Self
 from pydantic import TypeAdapter
 
 from fbench.replay.conditions.disturb import Disturbance
-from fbench.replay.conditions.spec import parse_conditions
+from fbench.replay.conditions.spec import parse_conditions, with_absolute_files
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultBudget, parse_budget
 from fbench.replay.contracts.plugins import pipeline_parameters
@@ -101,7 +101,8 @@ class ReplayRequest:
 
     def absolute(self) -> Self:
         """Return the same with paths that hold in every folder."""
-        return replace(self, log=self.log.absolute(), out=None if self.out is None else self.out.resolve())
+        out = None if self.out is None else self.out.resolve()
+        return replace(self, log=self.log.absolute(), condition=with_absolute_files(self.condition), out=out)
 
     def to_json(self) -> str:
         """Return it as one line, for another process."""

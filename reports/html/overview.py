@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fbench.replay.conditions.effects import describe
 from fbench.replay.contracts.faults import FAULTS, UNVERIFIED
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.runs.folder import Run
@@ -116,6 +117,17 @@ def overview(run: Run, label: str) -> Overview:
     failed = sum(record.failed is not None for record in run.frames)
     faults = read_record(run, "faults.json", FaultTable)
     return Overview(label, run.manifest, labelled, failed, faults, predictions_of(run))
+
+
+def conditions(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, Any]]:
+    """Gather what disturbed the messages of each run, `entries` of the manifest and `seed`, and its `effects` by
+    sensor; of runs without conditions nothing.
+    """
+    disturbed = [(label, run.manifest) for run, label in zip(runs, labels, strict=True) if run.manifest.conditions]
+    return [
+        {"label": label, "entries": m.conditions, "seed": m.seed,
+         "effects": [(sensor, describe(row)) for sensor, row in m.effects.items()]} for label, m in disturbed
+    ]  # fmt: skip
 
 
 def title(runs: Sequence[Run]) -> str:

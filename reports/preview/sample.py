@@ -224,3 +224,5 @@ class Material:
     """In how many frames a sensor is missing, by its name and the reason."""
     periods_mps: Mapping[str, float] = field(default_factory=dict)
     """With what period radial velocities alias, by radar, where the log says so [m/s]."""
+    effects: Mapping[str, str] = field(default_factory=dict)
+    """What conditions changed, by sensor, in words."""

@@ -8,57 +8,19 @@ from fbench.datasets.city.instant import EGO, MISS, BodyStates, Hits, Rays
 from fbench.datasets.city.mesh import MATERIALS
 from fbench.datasets.city.rays.caster import Instant
 from fbench.datasets.city.rig import LidarSpec
-from fbench.replay.conditions.lidar.echoes import SCATTERED, WEAKEST, fog_echoes, rain_echoes
-from fbench.replay.conditions.weather import CLEAR_MOR_M, Weather, extinction_per_m, fog_extinction_per_m, fog_of
-from fbench.replay.data.arrays import Array, Bool, Float32, Float64, freeze_fields
+from fbench.replay.conditions.lidar.weather import receive
+from fbench.replay.conditions.weather import CLEAR_MOR_M, Weather, fog_extinction_per_m
+from fbench.replay.data.arrays import Array, Float32, Float64, freeze_fields
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.geometry.transforms import transform
 
 JUST_SEEN = 0.1  # Reflectivity of the target that is just seen at the sensor's range in clear air, at normal incidence
-FAINTEST = 1 / 255  # Intensity below which the fog's echo goes unnoticed (Hahner et al. 2021: one step of 8 bits).
 
 
 def power_floor(range_m: float) -> float:
     """Return the weakest power that is received, in units of reflectivity / m^2."""
     clear = fog_extinction_per_m(Weather(visibility_m=CLEAR_MOR_M))
     return float(JUST_SEEN * np.exp(-2 * clear * range_m) / range_m**2)
-
-
-def receive(
-    range_m: Float64, reflectivity: Float64, weather: Weather, sensor_range_m: float, rng: np.random.Generator
-) -> tuple[Float64, Float64, Bool]:
-    """Return the strongest echoes (N,) of beams to targets at `range_m` (N,) of `reflectivity` (N,); both as for those
-    without target: infinite and 0.
-
-    Ranges are infinite where nothing comes back; then follow received powers, corrected for range (reflectivity times
-    exp(-2 extinction range), not clipped), and whether an echo is that of fog or of a drop before the target.
-
-    Power is reflectivity exp(-2 extinction range) / range^2. Where fog answers more strongly than the target, which
-    depends on the distance alone in Hahner's model, its echo is received instead. The model relates the fog's echo to
-    the target's, so a beam without a target has none.
-    """
-    floor, extinction = power_floor(sensor_range_m), extinction_per_m(weather)
-    if weather.rain_mm_h > 0:  # by LISA's model echoes are lost, come from drops, and are noisy where they are weak
-        equal_range_m = float(np.sqrt(WEAKEST / floor))
-        rain = rain_echoes(weather.rain_mm_h, extinction, range_m, reflectivity, rng, equal_range_m)
-        received_m = np.where(np.isfinite(rain.range_m), rain.range_m, 0.0)
-        at_m, intensity, is_scattered = rain.range_m, rain.power * received_m * received_m, rain.label == SCATTERED
-    else:
-        intensity = reflectivity * np.exp(-2 * extinction * range_m)
-        received = intensity >= floor * range_m * range_m
-        at_m, intensity = np.where(received, range_m, np.inf), intensity * received
-        is_scattered = np.zeros(len(range_m), bool)
-    fog = fog_of(weather)
-    drowned = np.flatnonzero(np.isfinite(range_m) & (range_m > fog.switch_m) & ~is_scattered)
-    if len(drowned):
-        at_m, intensity, is_scattered = at_m.copy(), intensity.copy(), is_scattered.copy()
-        soft = fog_echoes(fog, range_m[drowned], rng)
-        strength = reflectivity[drowned] * soft.strength
-        noticed = strength >= FAINTEST
-        at_m[drowned] = np.where(noticed, soft.range_m, np.inf)
-        intensity[drowned] = strength * noticed
-        is_scattered[drowned] = noticed
-    return at_m, intensity, is_scattered
 
 
 def firing(spec: LidarSpec) -> tuple[Float64, Array, Array]:
@@ -124,7 +86,7 @@ def sweep(now: Instant, spec: LidarSpec) -> Sweep:
     true_m = hits.range_m.astype(np.float64)
     reflected = reflectivity(hits, now.caster.material(hits, now.states), rays.direction)
     air, own = now.generator("lidar air"), now.generator("lidar")
-    received_m, power, is_scattered = receive(true_m, reflected, now.weather, spec.range_m, air)
+    received_m, power, is_scattered = receive(true_m, reflected, now.weather, power_floor(spec.range_m), air)
     measured_m = received_m + spec.noise_m * own.standard_normal(len(true_m))
     kept = np.flatnonzero(np.isfinite(received_m) & (own.random(len(true_m)) >= spec.dropout))
     xyz = (fired[kept] * np.maximum(measured_m[kept], 0.0)[:, None]).astype(np.float32)

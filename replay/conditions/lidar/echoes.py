@@ -1,10 +1,11 @@
-"""Echoes of a LiDAR in fog and rain: the weakened echo of the target, or that of fog or a drop before it.
+"""Echoes of a LiDAR in fog, rain and snow: the weakened echo of the target, or that of fog or a particle before it.
 
 Rasshofer et al. 2011 (Adv. Radio Sci. 9) and Hahner et al. 2021 (ICCV), for a pulse of sin^2 shape.
 
-Goodin et al. 2019 and LISA (Kilic et al. 2021): every beam meets random drops, and the strongest echo counts.
+Goodin et al. 2019 and LISA (Kilic et al. 2021): every beam meets random drops or flakes, and the strongest echo counts.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import tan
@@ -104,21 +105,52 @@ def _convolution(alpha_per_m: float) -> Float64:
     return np.asarray(shape * (_STEP_M * 2 / LIGHT_MPS), np.float64)
 
 
-LOST, SCATTERED, KEPT = 0, 1, 2  # Labels: no echo is strong enough; a drop's is the strongest; the target's is
-DROPS_PER_M3_MM = 8000.0  # N0 of Marshall and Palmer (1948): N(D) = N0 exp(-Lambda D)
+LOST, SCATTERED, KEPT = 0, 1, 2  # Labels: no echo is strong enough; a particle's is the strongest; the target's is
 SMALLEST_MM = 0.05
 DIVERGENCE_RAD = 3e-3
-NEAREST_M = 1.5  # Drops nearer than this aren't in the receiver's view
-WATER = ((1.328 - 1) / (1.328 + 1)) ** 2
-"""Share that water reflects at normal incidence, with its index of refraction at 905 nm."""
+NEAREST_M = 1.5  # Particles nearer than this aren't in the receiver's view
 WEAKEST = 0.9  # Reflectivity of the target that is just seen at the range of the sensor
 RANGE_M = 200.0
 NOISE_M = 0.09
-_RAIN_STEP_M = 0.01
+_ALONG_STEP_M = 0.01
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Drops or flakes in the air: N(D) = N0 exp(-Lambda D) of them per volume and diameter."""
+
+    per_m3_mm: float
+    """N0."""
+    slope_per_mm: float
+    """Lambda."""
+    reflectance: float
+    """Share of the light that they send back, ((n - 1) / (n + 1))^2 at normal incidence."""
+
+    @property
+    def extinction_per_m(self) -> float:
+        """Their geometric cross-sections, each counted twice since they are large against the wavelength: the integral
+        of N(D) 2 pi D^2 / 4, pi N0 / Lambda^3.
+        """
+        return float(np.pi * self.per_m3_mm / self.slope_per_mm**3 * 1e-6)
+
+
+def rain_drops(rain_mm_h: float) -> Particles:
+    """Return the drops of rain above 0 mm/h: N0 8000, Lambda 4.1 R^-0.21 (Marshall and Palmer 1948); n = 1.328 of water
+    at 905 nm.
+    """
+    return Particles(8000.0, float(4.1 * rain_mm_h**-0.21), ((1.328 - 1) / (1.328 + 1)) ** 2)
+
+
+def snow_flakes(snow_mm_h: float) -> Particles:
+    """Return the flakes of snow above 0 mm/h of water: N0 7600 R^-0.87, Lambda 2.55 R^-0.48 (Gunn and Marshall 1958, as
+    in LISA); ice has n = 1.3031.
+    """
+    slope = float(2.55 * snow_mm_h**-0.48)
+    return Particles(float(7600 * snow_mm_h**-0.87), slope, ((1.3031 - 1) / (1.3031 + 1)) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
-class RainEchoes:
+class ParticleEchoes:
     """The strongest echo of each of N beams."""
 
     range_m: Float64  # (N,) with the noise of the weak signal, infinite where the echo is lost
@@ -131,26 +163,21 @@ class RainEchoes:
         freeze_fields(self, range_m=one, power=one, label=("u1", ("N",)))
 
 
-def drop_rate_per_mm(rain_mm_h: float) -> float:
-    """Return Lambda of Marshall and Palmer: 4.1 R^-0.21 per mm, for rain above 0."""
-    return float(4.1 * rain_mm_h**-0.21)
-
-
 def power_floor(sensor_range_m: float = RANGE_M) -> float:
     """Return the weakest power that counts: a target of 90 % at the range of the sensor in vacuum."""
     return WEAKEST / sensor_range_m**2
 
 
-def rain_echoes(
-    rain_mm_h: float, extinction_per_m: float, range_m: Array, reflectivity: Array, rng: np.random.Generator,
-    sensor_range_m: float = RANGE_M,
-) -> RainEchoes:  # fmt: skip
+def particle_echoes(
+    particles: Sequence[Particles], extinction_per_m: float, range_m: Array, reflectivity: Array,
+    rng: np.random.Generator, sensor_range_m: float = RANGE_M,
+) -> ParticleEchoes:  # fmt: skip
     """Return what beams to targets receive; one that meets no target has a reflectivity of 0 or an infinite range.
 
-    The range noise is 0.09 m / sqrt(2 P / P_min). Exact, though only those drops are drawn whose echo is above the
-    floor: the sizes of larger drops are exponential too. `extinction_per_m` is that of all in the air; `range_m` (N,)
+    The range noise is 0.09 m / sqrt(2 P / P_min). Exact, though only those particles are drawn whose echo is above the
+    floor: the sizes of larger ones are exponential too. `extinction_per_m` is that of all in the air; `range_m` (N,)
     and `reflectivity` (N,), 0 to 1 with the cosine of incidence, are of the targets; `sensor_range_m` is how far a
-    reflectivity of 90 % is seen in vacuum. Without rain echoes are only weakened, lost and noisy.
+    reflectivity of 90 % is seen in vacuum. Without particles echoes are only weakened, lost and noisy.
     """
     floor = power_floor(sensor_range_m)
     power = np.zeros(len(range_m))
@@ -159,44 +186,44 @@ def rain_echoes(
     power[target] = reflectivity[target] * np.exp(-2 * extinction_per_m * distance) / (distance * distance)
     result = np.array(range_m, np.float64)
     scattered = np.zeros(len(power), bool)
-    if rain_mm_h > 0:
-        beam, drop_m, drop_power = _strongest_drops(rain_mm_h, extinction_per_m, floor, len(power), rng)
-        wins = (drop_m < result[beam]) & (drop_power > power[beam])
-        result[beam[wins]], power[beam[wins]], scattered[beam[wins]] = drop_m[wins], drop_power[wins], True
+    for kind in particles:
+        beam, particle_m, particle_power = _strongest(kind, extinction_per_m, floor, len(power), rng)
+        wins = (particle_m < range_m[beam]) & (particle_power > power[beam])
+        result[beam[wins]], power[beam[wins]], scattered[beam[wins]] = particle_m[wins], particle_power[wins], True
     lost = power < floor
     noise = rng.standard_normal(len(power)) * (NOISE_M / np.sqrt(2 * np.maximum(power, floor) / floor))
     label = np.where(lost, LOST, np.where(scattered, SCATTERED, KEPT)).astype(np.uint8)
-    return RainEchoes(np.where(lost, np.inf, result + noise), np.where(lost, 0.0, power), label)
+    return ParticleEchoes(np.where(lost, np.inf, result + noise), np.where(lost, 0.0, power), label)
 
 
-def _strongest_drops(
-    rain_mm_h: float, extinction_per_m: float, floor: float, num_beams: int, rng: np.random.Generator
+def _strongest(
+    kind: Particles, extinction_per_m: float, floor: float, num_beams: int, rng: np.random.Generator
 ) -> tuple[Array, Float64, Float64]:
-    """Draw all drops in beams of endless length whose echo is above the floor: a Poisson process along each beam.
+    """Draw all particles in beams of endless length whose echo is above the floor: a Poisson process along each beam.
     Returns the strongest of every beam that has one: the beam, how far away it is [m] and the power of its echo.
     """
-    rate = drop_rate_per_mm(rain_mm_h)
-    farthest_m = float(np.sqrt(WATER / floor))  # where the echo of a full beam falls to the floor in clear air
-    r = np.arange(NEAREST_M, max(farthest_m, NEAREST_M) + _RAIN_STEP_M, _RAIN_STEP_M)
-    smallest = _smallest_mm(r, extinction_per_m, floor)
+    rate, reflectance = kind.slope_per_mm, kind.reflectance
+    farthest_m = float(np.sqrt(reflectance / floor))  # where the echo of a full beam falls to the floor in clear air
+    r = np.arange(NEAREST_M, max(farthest_m, NEAREST_M) + _ALONG_STEP_M, _ALONG_STEP_M)
+    smallest = _smallest_mm(r, reflectance, extinction_per_m, floor)
     beam_m2 = np.pi * (r * tan(DIVERGENCE_RAD) / 2) ** 2
-    per_m = np.where(np.isfinite(smallest), DROPS_PER_M3_MM / rate * np.exp(-rate * smallest) * beam_m2, 0.0)
-    expected = np.concatenate([[0.0], np.cumsum((per_m[1:] + per_m[:-1]) * (_RAIN_STEP_M / 2))])
+    per_m = np.where(np.isfinite(smallest), kind.per_m3_mm / rate * np.exp(-rate * smallest) * beam_m2, 0.0)
+    expected = np.concatenate([[0.0], np.cumsum((per_m[1:] + per_m[:-1]) * (_ALONG_STEP_M / 2))])
     num = int(rng.poisson(expected[-1] * num_beams))
     beam = rng.integers(0, num_beams, num)
     distance = np.interp(rng.random(num) * expected[-1], expected, r)
-    size = _smallest_mm(distance, extinction_per_m, floor) + rng.exponential(1 / rate, num)
-    # What water reflects, of the share of the beam that the drop fills.
+    size = _smallest_mm(distance, reflectance, extinction_per_m, floor) + rng.exponential(1 / rate, num)
+    # What the particle reflects, of the share of the beam that it fills.
     share = np.minimum((size / (1000 * tan(DIVERGENCE_RAD) * distance)) ** 2, 1)
-    power = WATER * np.exp(-2 * extinction_per_m * distance) * share / (distance * distance)
+    power = reflectance * np.exp(-2 * extinction_per_m * distance) * share / (distance * distance)
     order = np.lexsort((distance, -power, beam))
     ordered = beam[order]
     first = order[np.concatenate([[True], ordered[1:] != ordered[:-1]])[:num]]
     return beam[first], distance[first], power[first]
 
 
-def _smallest_mm(distance_m: Float64, extinction_per_m: float, floor: float) -> Float64:
-    """Diameter above which the echo of a drop is above the floor; infinite where even a full beam's isn't."""
-    share = floor / (WATER * np.exp(-2 * extinction_per_m * distance_m)) * distance_m * distance_m
+def _smallest_mm(distance_m: Float64, reflectance: float, extinction_per_m: float, floor: float) -> Float64:
+    """Diameter above which a particle's echo is above the floor; infinite where even a full beam's isn't."""
+    share = floor / (reflectance * np.exp(-2 * extinction_per_m * distance_m)) * distance_m * distance_m
     beam_mm = 1000 * tan(DIVERGENCE_RAD) * distance_m
     return np.asarray(np.where(share <= 1, np.maximum(beam_mm * np.sqrt(share), SMALLEST_MM), np.inf), np.float64)

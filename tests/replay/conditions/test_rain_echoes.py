@@ -6,11 +6,15 @@ from scipy.integrate import quad
 from scipy.stats import ks_2samp
 
 from fbench.replay.conditions.generators import generator
-from fbench.replay.conditions.lidar.echoes import KEPT, LOST, SCATTERED, rain_echoes
+from fbench.replay.conditions.lidar.echoes import KEPT, LOST, SCATTERED, particle_echoes, rain_drops
 from fbench.replay.conditions.weather import rain_extinction_per_m
 
 FLOOR = 0.9 / 200**2
 WATER = (0.328 / 2.328) ** 2
+
+
+def rain_echoes(rate, *args, **reach):
+    return particle_echoes([rain_drops(rate)] if rate > 0 else [], *args, **reach)
 
 
 def every_drop(rate, alpha, range_m, reflectivity, num_beams, rng):
