@@ -15,8 +15,8 @@ _BURST = 4  # Frames
 
 
 class CameraCrash(ImageCondition):
-    """Some of the log's cameras are black all the time: the whole number nearest to a share of them, at least one, drawn
-    without replacement among all cameras, whichever of them the condition is for.
+    """Some of the log's cameras are black all the time: the whole number nearest to a share of them, at least one.
+    They are drawn without replacement among all cameras, whichever of them the condition is for.
 
     Levels of RoboBEV (Xie et al. 2023), whose draw gives some cameras twice.
     """
