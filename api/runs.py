@@ -242,7 +242,7 @@ def replay(
         with open_ahead(options.log.open, faults, options.read_ahead) as reader:
             log = public_name(reader.info) if request.redact else reader.info.name
             under = "".join(f"-{part}" for part in options.disturbance.parts)
-            under = re.sub(r"[^\w.-]+", "-", under).rstrip("-")
+            under = re.sub(r"[^\w.]+", "-", under).rstrip("-")
             folder = request.out or Path("runs") / f"{log}-{name.replace('/', '-')}{under}"
             replay_plan(reader, plan, folder, faults, request.overwrite, complete)
     run = Run(folder)

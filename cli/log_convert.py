@@ -48,12 +48,16 @@ def convert(
     decode: Annotated[
         bool, Option("--decode", help="Convert another program's log to fbench's messages; leave out the rest.")
     ] = False,
+    condition: options.Condition = "",
+    seed: options.Seed = 0,
     config: options.Config = None,
     rig: options.RigFiles = None,
     decoder: options.Decoders = None,
     json: options.Json = False,
 ) -> None:
-    """Write a log in another form, without loss; cut it by time, keep some topics, or split it."""
+    """Write a log in another form, without loss; cut it by time, keep some topics, split it, or disturb it."""
+    from fbench.replay.conditions.disturb import Disturbance
+    from fbench.replay.conditions.effects import describe
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.engine.excerpt import make_excerpt
     from fbench.replay.logs.convert.run import ConvertRequest
@@ -61,16 +65,22 @@ def convert(
     from fbench.replay.logs.convert.target import Target, make_split
     from fbench.replay.logs.open import open_container
     from fbench.replay.logs.setup import Setup
+    from fbench.replay.setup.request import make_disturbance
     from fbench.replay.setup.source import NO_CONFIG, LogRequest, log_source
 
     target = Target(out, overwrite, compression, chunk_size, rows_per_group, make_split(split_s, split_mb))
+    if condition and (from_ or to):
+        raise ConfigError("--condition disturbs a whole log: convert it first, and cut what comes of it")
+    decode = decode or bool(condition)  # what is disturbed becomes fbench's own messages
     if not decode and (rig or decoder or config not in (None, NO_CONFIG)):
         raise ConfigError(
             "--config, --rig and --decoder change what is decoded: give --decode too, or leave them to `fbench replay`"
         )
     about = LogRequest(source, config, rig or [], decoder=decoder or ())
-    setup = log_source(about).setup if decode else Setup()
-    request = ConvertRequest(tuple(topics or ()), make_excerpt(from_, to, None), decode, setup)
+    log = log_source(about) if decode else None
+    setup = Setup() if log is None else log.setup
+    disturbance = Disturbance() if log is None else make_disturbance(log, condition, seed)
+    request = ConvertRequest(tuple(topics or ()), make_excerpt(from_, to, None), decode, setup, disturbance)
     faults = FaultLog()
     with redirect_stdout(sys.stderr), explain_losses(faults):  # what a decoder prints is no line of --json
         container = open_container(source, faults)
@@ -89,6 +99,7 @@ def convert(
     console().print(table)
     for topic, num in result.left_out.items():
         say(f"left out: {format_count(num, 'message')} on {topic}, which fbench doesn't understand")
+    say(*(f"changed: {sensor}: {describe(row)}" for sensor, row in result.effects.items()))
     rigs = f", {format_count(result.num_rigs, 'rig')}" if result.num_rigs else ""
     parts = f" in {format_count(len(result.parts), 'part')}" if result.parts else ""
     say(*fault_lines(rows), f"id: {result.log_id}")

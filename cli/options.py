@@ -178,12 +178,14 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "log preview": (
         "fbench log preview log.mcap",
         "fbench log preview log.mcap -o pictures --frames 100:200 --num 4",
+        "fbench log preview log.mcap --condition rain:4 -o rain",
         "fbench log preview log.bag --offset lidar=-50 --topics '!rear*' --overwrite",
     ),
     "log convert": (
         "fbench log convert drive.mcap -o drive.parquet",
         "fbench log convert drive.bag -o part.mcap --from 12.5 --to 20 --topics '/lidar*'",
         "fbench log convert drive.mcap -o drive --split-s 60",
+        "fbench log convert drive.mcap -o foggy.mcap --condition fog:3",
     ),
     "log import": (
         "fbench log import astyx path/to/astyx -o astyx.mcap",

@@ -4,6 +4,7 @@ fbench replay log.mcap -p lidar3d --condition examples/dust.py:Dust:3
 """
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,7 +17,7 @@ class Dust:
 
     version = 1  # raise it whenever the same message would become another one
     kinds = ("lidar",)
-    levels = {"range_m": (400.0, 200.0, 100.0, 50.0, 25.0)}  # L at severities 1 to 5
+    levels: ClassVar = {"range_m": (400.0, 200.0, 100.0, 50.0, 25.0)}  # L at severities 1 to 5
 
     def disturb(self, message: Measurement, level: Level, site: Site) -> list[Measurement]:
         if not isinstance(message, PointCloud):

@@ -3,11 +3,12 @@
 import heapq
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import groupby, islice
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.conditions.weather import combine
@@ -34,9 +35,12 @@ from fbench.replay.data.rig import KINDS, LogInfo, Rig, RigChange
 
 Event: TypeAlias = Message | RigChange | Tick
 
+T = TypeVar("T")
 _TRUTH_NS = 50_000_000  # Truth is of a message's instant up to this far away
 _CLOUD_NS = 300_000_000
-_RAW = "bgr8"
+_AT_ONCE = 64  # Messages of one log time that are held at most
+RAW = "bgr8"
+"""Encoding in which conditions get images."""
 
 
 @dataclass(frozen=True)
@@ -256,28 +260,44 @@ class DisturbedReader:
 
     def messages(self) -> Iterator[Event]:
         """All messages as they are delivered."""
-        return self._disturb(self._reader.messages)
+        return self._disturb(self._reader.messages())
 
     def events(self) -> Iterator[Event]:
         """The same with the instants of boxes."""
-        return self._disturb(self._reader.events)
+        return self._disturb(self._reader.events())
 
-    def _disturb(self, read: Callable[[], Iterator[Event]]) -> Iterator[Event]:
-        state = _State(self._reader, self._disturbance, self._effects)
-        waiting: list[tuple[int, int, Event]] = []
-        num = 0
-        for recorded in read():
-            for item in state.take(recorded):
-                heapq.heappush(waiting, (max(item.log_ns, recorded.log_ns), num, item))
+    def _disturb(self, recorded: Iterator[Event]) -> Iterator[Event]:
+        disturber = Disturber(self._reader, self._disturbance, self._effects)
+        return in_order_of_delivery(recorded, disturber.foresee, disturber.disturb, lambda item: item.log_ns)
+
+
+def in_order_of_delivery(
+    recorded: Iterable[T],
+    foresee: Callable[[Sequence[T]], None],
+    disturb: Callable[[T], Iterable[T]],
+    log_ns: Callable[[T], int],
+) -> Iterator[T]:
+    """Yield what becomes of items, which come in the order of their log time and are delayed at most, in that of the
+    time of their delivery. Those of one log time are foreseen before any of them is disturbed.
+    """
+    waiting: list[tuple[int, int, T]] = []
+    num = 0
+    for now_ns, instant in groupby(recorded, log_ns):
+        while at_once := list(islice(instant, _AT_ONCE)):
+            foresee(at_once)
+            for result in (result for item in at_once for result in disturb(item)):
+                heapq.heappush(waiting, (max(log_ns(result), now_ns), num, result))
                 num += 1
-            while waiting and waiting[0][0] <= recorded.log_ns:
+            while waiting and waiting[0][0] <= now_ns:
                 yield heapq.heappop(waiting)[2]
-        while waiting:
-            yield heapq.heappop(waiting)[2]
+    while waiting:
+        yield heapq.heappop(waiting)[2]
 
 
-class _State:
-    """What is remembered from message to message."""
+class Disturber:
+    """Disturbs the messages of a log one by one, and remembers what conditions may know of earlier ones. Raises
+    LogError where a condition needs truth that the log lacks.
+    """
 
     def __init__(self, reader: Reader, disturbance: Disturbance, effects: Effects) -> None:
         self._disturbance, self._effects, self._log_id = disturbance, effects, reader.info.log_id
@@ -300,7 +320,11 @@ class _State:
             names = {str(p) for p in self._disturbance.parts if "truth" in needs_of(p.condition)}
             raise LogError(f"condition {min(names)} needs 3D truth in body coordinates; the log has none", "COR002")
 
-    def take(self, recorded: Event) -> Iterator[Event]:
+    def foresee(self, events: Sequence[object]) -> None:
+        """Keep the clouds of one log time: images may come before them, where all sensors have the same clock."""
+        self._clouds |= {event.sensor: event for event in events if isinstance(event, PointCloud)}
+
+    def disturb(self, recorded: Event) -> Iterator[Event]:
         """Yield what becomes of a message, with its instant before it where conditions change times."""
         if isinstance(recorded, RigChange):
             self._set_rig(recorded.rig)
@@ -344,9 +368,9 @@ class _State:
 
 def _decode(message: Measurement) -> Measurement:
     """Return an image as raw BGR, or as it is where it can't be decoded."""
-    if not isinstance(message, Image) or message.encoding == _RAW or (pixels := decode(message)) is None:
+    if not isinstance(message, Image) or message.encoding == RAW or (pixels := decode(message)) is None:
         return message
-    return replace(message, data=pixels.tobytes(), encoding=_RAW, video=None)
+    return replace(message, data=pixels.tobytes(), encoding=RAW, video=None)
 
 
 def _apply(step: Step, message: Measurement, site: Site) -> Sequence[Measurement]:
@@ -357,7 +381,7 @@ def _apply(step: Step, message: Measurement, site: Site) -> Sequence[Measurement
     if lacking:
         what = f"'{message.sensor}' has no {', '.join(lacking)}"
         raise LogError(f"condition {step.parts[0]} can't act: {what}", "COR002")
-    is_damaged = isinstance(message, Image) and message.encoding != _RAW and not step.changes_times
+    is_damaged = isinstance(message, Image) and message.encoding != RAW and not step.changes_times
     return (message,) if is_damaged else step.apply(message, site)
 
 

@@ -122,11 +122,11 @@ def _scan(index: int, stamp_ns: int) -> RadarScan:
     azimuth = np.radians(np.linspace(-60, 60, 61))
     directions = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
     range_m = _ranges(np.array([3.0, 0, 0.6]), directions, index)
-    polar = [a.astype(np.float32) for a in (range_m, azimuth, np.zeros(len(azimuth)))]
+    far, bearing, level = (a.astype(np.float32) for a in (range_m, azimuth, np.zeros(len(azimuth))))
     velocity = (5.0 * np.cos(azimuth) * (range_m < _WALL_M)).astype(np.float32)
     rcs = (np.where(range_m < _WALL_M, 12.0, -4.0) + 6 * np.sin(9 * azimuth)).astype(np.float32)
     xyz = (directions * range_m[:, None]).astype(np.float32)
-    return RadarScan("radar", stamp_ns, stamp_ns, xyz, velocity, rcs, *polar, frame_number=index)
+    return RadarScan("radar", stamp_ns, stamp_ns, xyz, velocity, rcs, far, bearing, level, index)
 
 
 @dataclass(frozen=True, eq=False)

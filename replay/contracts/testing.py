@@ -251,7 +251,7 @@ def _measure(message: Measurement, results: Sequence[Measurement]) -> dict[str, 
     if isinstance(message, Image) or isinstance(first, Image):
         if getattr(first, "data", None) is getattr(message, "data", None):
             return {**amounts, "gray_levels": 0.0, "squared": 0.0}
-        old, new = decode(message), decode(first)
+        old, new = (decode(image) if isinstance(image, Image) else None for image in (message, first))
         difference = np.zeros(1) if old is None or new is None else old.astype(np.float64) - new
         return {**amounts, "gray_levels": float(np.abs(difference).mean()), "squared": float((difference**2).mean())}
     if np.array_equal(_rows(message), _rows(first)):

@@ -157,6 +157,16 @@ def encode_jpeg(pixels: Pixels, quality: int = 80) -> bytes:
     return bytes(data.tobytes())
 
 
+def encode_png(pixels: Pixels) -> bytes:
+    """Encode (H, W, 3) BGR as PNG, without loss."""
+    import cv2
+
+    ok, data = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    if not ok:
+        raise DecodeError(f"image of shape {pixels.shape} can't be encoded as PNG")
+    return bytes(data.tobytes())
+
+
 def scale_down(pixels: Pixels, max_width: int) -> Pixels:
     """Scale (H, W, 3) down to at most `max_width` [px]; smaller images stay as they are."""
     import cv2

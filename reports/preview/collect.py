@@ -10,6 +10,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
+from fbench.replay.conditions.effects import Effects, describe
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.protocols import Reader
@@ -159,6 +161,7 @@ class PreviewRequest:
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
     excerpt: Excerpt = field(default_factory=Excerpt)
+    disturbance: Disturbance = field(default_factory=Disturbance)
 
 
 def collect(
@@ -172,7 +175,9 @@ def collect(
     what is known of it. `progress` gets how many frames are read. Raises ConfigError where the reference or a sensor
     with an offset isn't in the log. Raises LogError where there are no frames.
     """
-    log = _Observed(reader, partial, request.stamps)
+    observed = _Observed(reader, partial, request.stamps)
+    effects, disturbance = Effects(), request.disturbance
+    log = DisturbedReader(observed, disturbance, effects) if disturbance else observed
     stream = FrameStream(log, request.sync, request.stamps, request.excerpt, Clock(), faults)
     kept, instants = Spread[Sample](request.num), Spread[Instant](MAX_TIMES)
     missing: dict[str, Counter[str]] = {}
@@ -184,7 +189,9 @@ def collect(
         # Take back the places that were made up.
         unknown = [n for n in stream.rig.mounts if n in partial.problems and n not in partial.rig.mounts]
         rig = stream.rig.without(unknown) if unknown else stream.rig
-        kept.offer(Sample(frame, rig, ego_mps=None if last is None else _forward_mps(last, frame)))
+        given = disturbance.rig(rig, reader.info.log_id)
+        effects.add_rig(rig, given)
+        kept.offer(Sample(frame, given, ego_mps=None if last is None else _forward_mps(last, frame)))
         last = frame
         stamps = {name: message.stamp_ns for name, message in sorted(frame.messages.items())}
         instants.offer(Instant(frame.index, frame.stamp_ns, stamps))
@@ -208,11 +215,12 @@ def collect(
     return Material(
         reader.info, partial.kinds, partial.rig, partial.problems, stream.reference,
         list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.items], num_frames, num_labeled,
-        instants.items, {name: arrivals.items for name, arrivals in sorted(log.arrivals.items())},
-        dict(sorted(log.counts.items())),
+        instants.items, {name: arrivals.items for name, arrivals in sorted(observed.arrivals.items())},
+        dict(sorted(observed.counts.items())),
         {name: dict(sorted(why.items())) for name, why in sorted(missing.items())},
         {name: period for name, period in periods.items() if period},
         dict(sorted(strides.items())),
+        {name: describe(row) for name, row in effects.rows().items()},
     )  # fmt: skip
 
 

@@ -1,13 +1,14 @@
 """The preview: pictures, verdicts, and the contact sheet that shows them."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.images import Pixels
 from fbench.replay.data.rig import KINDS, Kind
 from fbench.replay.data.scores import format_count
 from fbench.replay.geometry.stereo_pairs import pairs
@@ -102,8 +103,41 @@ def _truth(sample: Sample, name: str) -> str:
     return f" Truth: {', '.join(texts) or 'no boxes'}."
 
 
-def write_preview(material: Material, folder: Path) -> Content:
-    """Write `index.html` and the pictures that it shows into an existing folder; equal bytes for equal material."""
+class _Pages(Album):
+    """Keeps pictures instead of writing them."""
+
+    def __init__(self, album: Album) -> None:
+        self.stem, self.kept = album.stem, dict[str, tuple[Pixels, str, str]]()  # type: ignore[method-assign]
+
+    def add(self, stem: str, pixels: Pixels, caption: str, alt: str) -> Shown:
+        self.kept[stem] = (pixels, caption, alt)
+        return Shown(stem, (pixels.shape[1], pixels.shape[0]), caption, alt)
+
+
+def _draw_pairs(draw: FramePictures, before: Sample, after: Sample) -> Iterator[Shown]:
+    """Draw a frame as recorded and under conditions, side by side; gray where only one of both has a picture."""
+    pages = [_Pages(draw.album), _Pages(draw.album)]
+    for page, sample in zip(pages, (before, after), strict=True):
+        for _ in replace(draw, album=page).of(sample):
+            pass
+    for stem in dict.fromkeys([*pages[0].kept, *pages[1].kept]):
+        found = [page.kept.get(stem) for page in pages]
+        pictures = [pixels for pixels, _, _ in filter(None, found)]
+        height, width = (max(picture.shape[axis] for picture in pictures) for axis in (0, 1))
+        halves = [np.full((height, width, 3), 128, np.uint8) for _ in found]
+        for half, one in zip(halves, found, strict=True):
+            if one is not None:
+                half[: one[0].shape[0], : one[0].shape[1]] = one[0]
+        _, caption, alt = next(filter(None, found))
+        both = np.concatenate([halves[0], np.full((height, 4, 3), 255, np.uint8), halves[1]], axis=1)
+        yield draw.album.add(stem, both, f"Left as recorded, right under conditions. {caption}", alt)
+
+
+def write_preview(material: Material, folder: Path, disturbed: Material | None = None, conditions: str = "") -> Content:
+    """Write `index.html` and the pictures that it shows into an existing folder; equal bytes for equal material. Frames
+    are drawn beside those of the same log, `disturbed` by `conditions`, where it is given; verdicts are about the log
+    as recorded.
+    """
     names = sorted({*material.kinds, *material.num_messages})
     album = Album(folder, names)
     times = sensor_times(material)
@@ -116,10 +150,13 @@ def write_preview(material: Material, folder: Path) -> Content:
     stereo = measured.stereo()
     draw = FramePictures(album, ground_of(material.samples), [n for n in names if material.kinds.get(n) == "lidar"])
     frames = []
+    others = {s.frame.index: s for s in disturbed.samples} if disturbed is not None else {}
     for s in material.samples:
         missing = "; ".join(f"{name}: {why}" for name, why in sorted(s.frame.missing.items()))
         head = f"at {s.frame.stamp_ns} ns{f' · missing: {missing}' if missing else ''}"
-        frames.append(FrameContent(s.frame.index, head, [*draw.of(s), *stereo.get(s.frame.index, [])]))
+        other = others.get(s.frame.index)
+        pictures = draw.of(s) if other is None else _draw_pairs(draw, s, other)
+        frames.append(FrameContent(s.frame.index, head, [*pictures, *stereo.get(s.frame.index, [])]))
     rows = [_row(material, t) for t in times]
     verdicts = sorted(measured.verdicts, key=lambda v: not v.is_bad)
     facts = [
@@ -127,6 +164,8 @@ def write_preview(material: Material, folder: Path) -> Content:
         ("Instants by", material.reference),
         ("With truth", f"{material.num_labeled} of {material.num_frames}"),
         ("Log id", material.info.log_id),
+        *([("Conditions", conditions)] if conditions else []),
+        *([(f"Changed of {name}", text) for name, text in disturbed.effects.items()] if disturbed is not None else []),
     ]
     content = Content(material.info.name, facts, rows, verdicts, measured.gaps, measured.shown, frames)
     style = resource("fbench.reports.html", "style.css") + resource(_PACKAGE, "sheet.css")

@@ -254,3 +254,5 @@ class Material:
     """With what period radial velocities alias, by radar, where the log says so [m/s]."""
     strides: Mapping[str, int] = field(default_factory=dict)
     """Every how many-th point is looked at, by sensor with more than `MAX_POINTS` or `MAX_ECHOES`."""
+    effects: Mapping[str, str] = field(default_factory=dict)
+    """What conditions changed, by sensor, in words."""

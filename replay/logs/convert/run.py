@@ -5,9 +5,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from fbench.replay.conditions.disturb import Disturbance
+from fbench.replay.conditions.effects import Effects
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.logs.container import Container, header_of
 from fbench.replay.logs.convert.copying import Copying, InexactError, decode, own_channels
+from fbench.replay.logs.convert.disturbing import disturb, disturb_header
 from fbench.replay.logs.convert.sinks import Copied, Item, RigAt, Sink, open_sink
 from fbench.replay.logs.convert.source import Source
 from fbench.replay.logs.convert.target import Target
@@ -30,6 +33,8 @@ class Converted:
     parts: tuple[str, ...] = ()  # Names of the files of a log in parts
     left_out: Mapping[str, int] = field(default_factory=dict)
     """Messages that fbench doesn't understand, by topic; only where they were decoded."""
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """What conditions changed, by sensor; see `Effects`."""
 
     @property
     def num_messages(self) -> int:
@@ -66,6 +71,7 @@ class ConvertRequest:
     excerpt: Excerpt = field(default_factory=Excerpt)  # A range of time, by `log_ns`
     decode: bool = False  # Everything becomes fbench's own messages; what fbench doesn't understand is left out
     setup: Setup = field(default_factory=Setup)  # What the user says about the log, where it is decoded
+    disturbance: Disturbance = field(default_factory=Disturbance)  # Of the messages, where they are decoded
 
 
 def convert(
@@ -75,7 +81,8 @@ def convert(
 
     Nothing is lost: what isn't decoded stays as it is, byte for byte. The container counts what is damaged. Raises
     ConfigError where the target can't or mustn't be written, or the request fits nothing. Raises LogError where the
-    source can't be read, or where it is decoded and a sensor has no transform, or a camera isn't calibrated.
+    source can't be read, or where it is decoded and a sensor has no transform, or a camera isn't calibrated. Raises
+    RunError where a condition fails.
     """
     target.check(container.path)
     if request.decode:
@@ -83,9 +90,12 @@ def convert(
         window = Source(container, (), request.excerpt).window
         about = header_of(reader.info, reader.rig)
         left_out: Counter[str] = Counter()
+        effects, disturbance = Effects(), request.disturbance
         items: Iterable[Item] = decode(reader, window, left_out)
+        if disturbance:
+            about, items = disturb_header(about, disturbance), disturb(items, reader, disturbance, effects)
         written = write_items(items, open_sink(target, about), target, progress, about.log_id)
-        return replace(written, left_out=dict(sorted(left_out.items())))
+        return replace(written, left_out=dict(sorted(left_out.items())), effects=effects.rows())
     source = Source(container, request.topics, request.excerpt)
     as_columns = own_channels(container, source.reader.roles) if target.form == "parquet" else frozenset()
     while True:

@@ -12,7 +12,7 @@ from fbench.replay.conditions.disturb import Disturbance, DisturbedReader, LogSp
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.conditions.spec import parse_conditions
 from fbench.replay.contracts.conditions import Part
-from fbench.replay.contracts.errors import ConfigError, LogError, RunError
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError, RunError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.street import PERIOD_NS, Street
 from fbench.replay.data.images import encode_jpeg
@@ -27,10 +27,11 @@ from fbench.replay.runs.digest import digest
 class Shift:
     """Moves all points ahead, and notes what it was given."""
 
-    version, kinds, levels = 1, ("lidar", "radar"), {"shift_m": (1.0, 2.0, 3.0, 4.0, 5.0)}
+    version, levels = 1, {"shift_m": (1.0, 2.0, 3.0, 4.0, 5.0)}
+    kinds: tuple[str, ...] = ("lidar", "radar")
 
-    def __init__(self):
-        self.sites = []
+    def __init__(self, needs=()):
+        self.sites, self.needs = [], needs
 
     def disturb(self, message, level, site):
         self.sites.append((message.stamp_ns, site))
@@ -87,7 +88,12 @@ def test_parts_act_one_after_the_other():
 
 def test_weathers_of_one_scope_and_window_are_one(monkeypatch):
     seen = []
-    monkeypatch.setattr(module, "disturb_by_weather", lambda message, weather, site: seen.append(weather) or message)
+
+    def note(message, weather, site):
+        seen.append(weather)
+        return message
+
+    monkeypatch.setattr(module, "disturb_by_weather", note)
     disturb(drive(1), *parse_conditions("fog:150m+rain:10mmh+night:3lux"))
     weather = seen[0]
     assert (len(seen), weather.visibility_m, weather.rain_mm_h, weather.lux) == (2, 150, 10, 3)
@@ -207,9 +213,8 @@ def test_the_seed_and_the_strength_decide_what_is_drawn():
 
 
 def test_what_is_known_at_the_place_of_a_message():
-    shift, log = Shift(), drive(12)
+    shift, log = Shift(("truth",)), drive(12)
     log.labels = [Truth(300 * MS + 40 * MS, 0, box(1.0)), Truth(600 * MS + 51 * MS, 0, box(2.0))]
-    shift.needs = ("truth",)
     disturb(log, part(shift, sensors="lidar", from_ns=100 * MS, to_ns=10**9))
     sites = dict(shift.sites)
     assert [m.stamp_ns // MS for m in sites[900 * MS].history] == [100 * i for i in range(1, 9)]
@@ -267,11 +272,8 @@ def test_history_and_clouds_end_where_the_rig_changes():
 
 
 def test_what_a_log_lacks_is_an_error():
-    class NeedsRing(Shift):
-        kinds, needs = ("lidar",), ("ring",)
-
-    with pytest.raises(LogError, match="condition mine:2 can't act: 'lidar' has no ring") as found:
-        disturb(drive(2), part(NeedsRing()))
+    with pytest.raises(LogError, match=r"condition mine\.lidar:2 can't act: 'lidar' has no ring") as found:
+        disturb(drive(2), part(Shift(("ring",)), sensors="lidar"))
     assert found.value.code == "COR002"
     with pytest.raises(LogError, match="needs 3D truth in body coordinates") as found:
         disturb(FakeLog(drive(2).items), *parse_conditions("object.moved"))
@@ -325,7 +327,7 @@ def fail(message, level, site):
 def test_conditions_that_break_their_promise_end_the_replay_in_one_line(make, words):
     log = drive(2)
     before = digest(log.items)
-    with pytest.raises(Exception) as found:  # noqa: PT011
+    with pytest.raises(FbenchError) as found:
         disturb(log, part(returns(make), sensors="lidar"))
     assert words in str(found.value)
     assert "\n" not in str(found.value)

@@ -57,6 +57,7 @@ def test_a_value_replaces_the_first_number_and_the_others_are_those_of_severity_
         ("fog:x", ["'fog:x'"]),
         ("fog:25mmh", ["'fog:25mmh'", "such as 150m"]),
         ("rain:150m", ["such as 10mmh"]),
+        ("loss:3m", ["such as 20%"]),
         ("loss:150%", ["at most 100%"]),
         ("reorder:3s", ["severity of 0 to 5"]),
         ("fog@", ["expected a window such as @5s-8s"]),

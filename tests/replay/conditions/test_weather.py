@@ -38,7 +38,7 @@ def test_a_number_out_of_range_is_refused(field, value, expected):
 
 def test_limits_themselves_are_allowed():
     Weather(visibility_m=10.0, rain_mm_h=0.0, lux=0.0, sun_elevation_deg=-90.0, sun_azimuth_deg=-360.0)
-    Weather(100_000.0, 300.0, 150_000.0, 90.0, 360.0)
+    Weather(visibility_m=100_000.0, rain_mm_h=300.0, lux=150_000.0, sun_elevation_deg=90.0, sun_azimuth_deg=360.0)
 
 
 @pytest.mark.parametrize(("per_m", "visibility_m"), [(0.005, 599), (0.01, 300), (0.02, 150), (0.03, 100), (0.06, 50)])
