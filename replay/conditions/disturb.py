@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import groupby, islice
 from types import MappingProxyType
 from typing import TypeAlias, TypeVar
 
@@ -37,6 +38,7 @@ Event: TypeAlias = Message | RigChange | Tick
 T = TypeVar("T")
 _TRUTH_NS = 50_000_000  # Truth is of a message's instant up to this far away
 _CLOUD_NS = 300_000_000
+_AT_ONCE = 64  # Messages of one log time that are held at most
 RAW = "bgr8"
 """Encoding in which conditions get images."""
 
@@ -266,7 +268,8 @@ class DisturbedReader:
 
     def _disturb(self, recorded: Iterator[Event]) -> Iterator[Event]:
         disturber = Disturber(self._reader, self._disturbance, self._effects)
-        return in_order_of_delivery(recorded, disturber.disturb, lambda item: item.log_ns)
+        known = disturber.look_ahead(recorded, lambda item: item.log_ns, lambda item: item)
+        return in_order_of_delivery(known, disturber.disturb, lambda item: item.log_ns)
 
 
 def in_order_of_delivery(
@@ -313,6 +316,17 @@ class Disturber:
         if is_needed and not self._truths:
             names = {str(p) for p in self._disturbance.parts if "truth" in needs_of(p.condition)}
             raise LogError(f"condition {min(names)} needs 3D truth in body coordinates; the log has none", "COR002")
+
+    def look_ahead(self, items: Iterable[T], log_ns: Callable[[T], int], content: Callable[[T], object]) -> Iterator[T]:
+        """Pass items on, but keep the clouds of a log time before them: images may come first, and many datasets give
+        all sensors the same time.
+        """
+        for _, instant in groupby(items, key=log_ns):
+            while at_once := list(islice(instant, _AT_ONCE)):
+                self._clouds |= {
+                    cloud.sensor: cloud for cloud in map(content, at_once) if isinstance(cloud, PointCloud)
+                }
+                yield from at_once
 
     def disturb(self, recorded: Event) -> Iterator[Event]:
         """Yield what becomes of a message, with its instant before it where conditions change times."""

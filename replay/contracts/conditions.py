@@ -41,7 +41,8 @@ class Site:
     history: Sequence[Measurement] = ()
     """Up to 8 earlier messages of the sensor since the rig changed, as recorded, the latest last."""
     cloud: PointCloud | None = None
-    """For images: the latest LiDAR cloud before it, as recorded, at most 0.3 s old; of several LiDARs the largest."""
+    """For images: the latest LiDAR cloud that arrived before or with it, as recorded, at most 0.3 s away; of several
+    LiDARs the largest."""
     truth: Boxes3D | None = None
     """In body coordinates, nearest in time and at most 50 ms away; for conditions that need it."""
 
@@ -49,6 +50,18 @@ class Site:
         """Return the generator of what persists for the whole log: dead beams, dirt on a lens, an error of mounting."""
         seed, *rest = self.key
         return generator(int(seed), *rest, *scope)
+
+    def rng_of_log(self, *scope: str | int) -> np.random.Generator:
+        """Return the generator of what all sensors share: which of them fails, where the wind comes from."""
+        seed, *rest = self.key[:-1]
+        return generator(int(seed), *rest, *scope)
+
+    def rng_of_place(self, *scope: str | int) -> np.random.Generator:
+        """Return the generator of what persists for the whole log and is the same at every severity, so that more of it
+        is more of the same: where the sun stands, where dirt lies.
+        """
+        seed, condition, *rest = self.key
+        return generator(int(seed), str(condition).rpartition(":")[0], *rest, *scope)
 
     def rng_of(self, message: Measurement, *scope: str | int) -> np.random.Generator:
         """Return the generator of what is drawn anew for every message: it depends on no other message."""

@@ -50,9 +50,12 @@ def disturb(items: Iterable[Item], reader: LogReader, disturbance: Disturbance, 
                     stored = _store(item.content, message) if message.sensor in disturbed else message
                     yield Decoded(item.topic, message.log_ns, stored)
 
-    return in_order_of_delivery(
-        items, apply, lambda item: item.entry.log_ns if isinstance(item, Copied) else item.log_ns
-    )
+    known = disturber.look_ahead(items, _log_ns, lambda item: item.content if isinstance(item, Decoded) else None)
+    return in_order_of_delivery(known, apply, _log_ns)
+
+
+def _log_ns(item: Item) -> int:
+    return item.entry.log_ns if isinstance(item, Copied) else item.log_ns
 
 
 def _store(recorded: Message, message: Message) -> Message:

@@ -1,0 +1,76 @@
+"""Fog in images: by the distance of what is seen, and without."""
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import cv2
+import numpy as np
+
+from fbench.replay.conditions.camera.depth import FAR_M, distances, gray_cells
+from fbench.replay.conditions.camera.image_condition import ImageCondition
+from fbench.replay.conditions.camera.kernels import veil
+from fbench.replay.contracts.conditions import Level, Site
+from fbench.replay.data.arrays import Array, Float32
+from fbench.replay.data.images import Pixels
+from fbench.replay.data.messages import Image
+
+AIRLIGHT = 0.8
+"""Brightness of endless fog by day, as a share of white, of all cameras and all the time; low light dims it later."""
+_RADIUS, _EVEN = 5, 1e-3 * 255**2  # Of the guided filter: cells around, and the variance of gray that isn't an edge
+
+
+def attenuate(pixels: Pixels, extinction_per_m: float, site: Site) -> Pixels:
+    """Return what is left of the image through air: I t + L (1 - t), t = exp(-extinction * distance), on values as they
+    are stored (Koschmieder 1924; Sakaridis et al. 2018, Foggy Cityscapes, with their L and guided filter).
+    """
+    size = pixels.shape[1::-1]
+    gray = gray_cells(pixels)
+    transmission = np.exp(-np.float32(extinction_per_m) * distances(gray, size, site))
+    slope, offset = (cv2.resize(cells, size).ravel() for cells in _guide(transmission, gray))
+    least = float(np.exp(-extinction_per_m * FAR_M))
+    return veil(pixels.reshape(-1), slope, offset, least, 255 * AIRLIGHT).reshape(pixels.shape)
+
+
+def _guide(values: Float32, gray: Float32) -> tuple[Float32, Float32]:
+    """Slope and offset (h, w) by which values follow the edges of an image: the guided filter of He et al. (2013)."""
+
+    def mean(cells: Array) -> Float32:
+        size = (2 * _RADIUS + 1, 2 * _RADIUS + 1)
+        return np.asarray(cv2.blur(cells, size, borderType=cv2.BORDER_REPLICATE), np.float32)
+
+    of_gray, of_values = mean(gray), mean(values)
+    variance = mean(gray * gray) - of_gray * of_gray
+    slope = (mean(gray * values) - of_gray * of_values) / (variance + np.float32(_EVEN))
+    return mean(slope), mean(of_values - slope * of_gray)
+
+
+class FogWithoutDepth(ImageCondition):
+    """Swaths of fog that know nothing of distance: (I + c P) m / (m + c), m the largest I, P a plasma fractal from 0 to
+    1 whose octaves weaken by a factor. It stays over the log. Formula and levels of Hendrycks and Dietterich (ICLR
+    2019); their fractal of midpoints is here a sum of smooth octaves, with the tenth below and above cut off.
+    """
+
+    levels: ClassVar[Mapping[str, Sequence[float]]] = {
+        "density": (1.5, 2.0, 2.5, 2.5, 3.0), "decay": (2.0, 2.0, 1.7, 1.5, 1.4),
+    }  # fmt: skip
+
+    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+        """Add the fractal."""
+        height, width = pixels.shape[:2]
+        added = level["density"] * plasma(site.rng_of_place("plasma"), (width, height), level["decay"])[..., None]
+        most = int(pixels.max()) / 255
+        if most == 0:
+            return pixels.copy()
+        return np.asarray((pixels + 255 * added) * np.float32(most / (most + level["density"])) + 0.5, np.uint8)
+
+
+def plasma(rng: np.random.Generator, size_wh: tuple[int, int], decay: float, octaves: int = 7) -> Float32:
+    """Return smooth noise (H, W), a tenth of it 0 and a tenth 1: octaves, each twice as fine and weaker."""
+    width, height = size_wh
+    total = np.zeros((height, width), np.float32)
+    for octave in range(octaves):
+        num = 2**octave + 1
+        values = rng.uniform(-1, 1, (num, num)).astype(np.float32)
+        total += cv2.resize(values, size_wh, interpolation=cv2.INTER_CUBIC) * np.float32(decay**-octave)
+    low, high = np.quantile(total[:: max(1, height // 100), :: max(1, width // 100)], (0.1, 0.9)).astype(np.float32)
+    return np.clip((total - low) / (high - low), 0, 1) if high > low else np.full_like(total, 0.5)
