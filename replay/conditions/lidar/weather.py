@@ -16,7 +16,7 @@ from fbench.replay.geometry.transforms import transform
 FAINTEST = 1 / 255  # Intensity below which the fog's echo goes unnoticed (Hahner et al. 2021: one step of 8 bits).
 REFLECTIVITY = 0.3  # Of all targets, where a cloud has no intensity: between asphalt's 0.15 and car paint's 0.5
 _FULL_SCALES = (1.0, 255.0, 65535.0)
-_FLOOR_SHARE = 0.01  # Of a cloud's points that are no stronger than the weakest that the sensor finds
+_FLOOR_SHARE = 0.002  # Of a cloud's points that are no stronger than the weakest that the sensor finds
 
 
 def receive(
@@ -69,7 +69,7 @@ def disturb_cloud(cloud: PointCloud, weather: Weather, site: Site) -> PointCloud
     and stay away. Echoes that are lost are removed, those of fog, drops and flakes lie on the beam before the target.
 
     Intensities count as corrected for range. Their full scale is the first of 1, 255 and 65535 that no point of the
-    cloud exceeds; without any, all targets have 0.3. The weakest power that the sensor finds is that which 1 % of the
+    cloud exceeds; without any, all targets have 0.3. The weakest power that the sensor finds is that which 0.2 % of the
     cloud's points don't reach, at most LISA's, 90 % at 200 m: whatever was recorded was found in clear air.
     """
     extinction = fog_extinction_per_m(Weather())  # of clear air, which has been at work on what was recorded

@@ -8,7 +8,7 @@ from fbench.replay.conditions.points import polar
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.messages import RadarScan
 
-_FLOOR_SHARE = 0.01  # Of a scan's echoes that are no stronger than the weakest that the sensor finds
+_FLOOR_SHARE = 0.002  # Of a scan's echoes that are no stronger than the weakest that the sensor finds
 _GROUPS, _ENOUGH, _WEAK_SHARE = 8, 160, 0.05
 _NEIGHBORS = 15
 
@@ -40,7 +40,7 @@ class Sensitivity:
     Received power falls with the range's fourth power, so the weakest cross-section found grows by 40 dB a decade.
     Sensors that give an uncalibrated magnitude have a weakest one that is the same everywhere: where in groups of
     ranges it grows by less than half of that, what they give is taken for received power. Without either all echoes
-    count as equally large. The weakest is that which 1 % of the echoes don't reach.
+    count as equally large. The weakest is that which 0.2 % of the echoes don't reach.
     """
 
     def __init__(self, scan: RadarScan) -> None:
