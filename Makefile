@@ -5,7 +5,11 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo suite detector test test-all fuzz lint bench docs format clean
+# What `make sbom` and `make hashes` run, in an environment of their own.
+TOOLS := build/tools
+SBOM_TOOLS := cyclonedx-bom==7.5.0 pip-licenses==5.5.5 uv==0.13.9
+
+.PHONY: demo suite detector test test-all fuzz lint bench docs format clean sbom hashes
 
 demo: $(VENV)/ready
 	$(BIN)/fbench demo
@@ -46,9 +50,30 @@ format: $(VENV)/ready-test
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# Every package of $(VENV), as CycloneDX JSON and as a table of licenses.
+sbom: $(VENV)/ready $(TOOLS)/ready
+	$(TOOLS)/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible -o build/sbom.json $(BIN)/python
+	$(TOOLS)/bin/pip-licenses --python=$(BIN)/python --format=markdown --order=license --output-file=build/licenses.md
+
+# Writes hashes.txt anew, after a change of constraints.txt; without the extra `torch`, whose builds differ.
+hashes: $(TOOLS)/ready
+	$(TOOLS)/bin/uv pip compile --quiet --generate-hashes --no-header --no-annotate --python-version 3.11.5 \
+		--extra test --extra docs -c constraints.txt pyproject.toml -o hashes.txt
+
+# With HASHES=1, `make demo` and `make test` install only files whose SHA-256 is in hashes.txt.
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv --clear $(VENV)
+ifdef HASHES
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r hashes.txt
+	$(INSTALL) --no-deps --no-build-isolation -e .
+else
 	$(INSTALL) -e .
+endif
+	touch $@
+
+$(TOOLS)/ready: Makefile
+	$(PYTHON) -m venv --clear $(TOOLS)
+	$(TOOLS)/bin/pip install --quiet --disable-pip-version-check $(SBOM_TOOLS)
 	touch $@
 
 $(VENV)/ready-%: $(VENV)/ready

@@ -43,6 +43,7 @@ RULES: Mapping[str, Rule] = {
     "DAT003": Rule("warning", "look whether the sensor gives meters"),
     "DAT004": Rule("warning", "drop such points when recording; fbench drops them when replaying"),
     "DAT005": Rule("error", "look at the localization that wrote it"),
+    "DAT006": Rule("warning", "let the driver write NaN for what it didn't measure"),
     "LIM003": Rule("error", "record the calibration of this image size"),
     "CAL001": Rule("error", "record the calibration, let fbench init write an fbench.toml that says how to add it, or "
                    "leave the sensor out with --topics '!NAME'"),

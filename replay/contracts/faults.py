@@ -51,6 +51,7 @@ FAULTS: dict[str, FaultKind] = {
     "DAT003": FaultKind("degrade", "points farther away than 1 km; are the units metres?"),
     "DAT004": FaultKind("degrade", "non-finite points dropped"),
     "DAT005": FaultKind("count", "pose that isn't finite, or has no rotation, skipped"),
+    "DAT006": FaultKind("degrade", "velocities or magnitudes of a radar that are infinite, taken as not measured"),
     "LIM001": FaultKind("fatal", "record is larger than the limit"),
     "LIM002": FaultKind("fatal", "decompression bomb"),
     "LIM003": FaultKind("count", "image isn't of the size that its camera is calibrated for"),

@@ -154,10 +154,17 @@ class Boxes2D(Rows):
 
 
 def finite(boxes: Boxes2D | Boxes3D) -> tuple[Bool, Bool]:
-    """Tell of which boxes (N,) the geometry is finite, and of which the score is finite or absent."""
-    magnitude = np.abs(np.nan_to_num(boxes.geometry, nan=np.inf))
+    """Tell of which boxes (N,) the geometry is finite, and motion and distance are finite or unknown; and of which the
+    score is finite or absent.
+    """
+    sane: Bool = np.all(np.abs(np.nan_to_num(boxes.geometry, nan=np.inf)) < MAX_MAGNITUDE, axis=1)
+    known = (boxes.velocity_mps,) if isinstance(boxes, Boxes3D) else (boxes.distance_m, boxes.range_rate_mps)
+    for values in known:
+        if values is not None:
+            infinite = np.abs(values) >= MAX_MAGNITUDE  # NaN: unknown
+            sane &= ~(infinite if infinite.ndim == 1 else infinite.any(axis=1))
     scored: Bool = np.ones(len(boxes), bool) if boxes.score is None else np.isfinite(boxes.score)
-    return np.all(magnitude < MAX_MAGNITUDE, axis=1), scored
+    return sane, scored
 
 
 def most_boxes(boxes: Boxes2D | Boxes3D) -> int:

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias, TypeVar, get_args
 import numpy as np
 
 from fbench.replay.data.arrays import DIGESTED, Float64, freeze_fields
+from fbench.replay.data.boxes import MAX_MAGNITUDE
 from fbench.replay.data.metadata import Region, regions_of
 from fbench.replay.geometry.transforms import pose_matrix
 
@@ -49,6 +50,12 @@ class CameraModel:
 
     def __post_init__(self) -> None:
         freeze_fields(self, K=("f8", (3, 3)), distortion=("f8", ("M",)))
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether all numbers can be those of a lens: finite, with a focal length."""
+        values = np.concatenate([self.K.ravel(), self.distortion])
+        return bool((np.abs(values) < MAX_MAGNITUDE).all() and self.K[0, 0] > 0 and self.K[1, 1] > 0)
 
     def equals(self, other: "CameraModel") -> bool:
         """Tell whether both are the same, bit for bit."""

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from operator import attrgetter
 from typing import Any, NamedTuple, get_args
 
@@ -9,10 +10,10 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DataError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
-from fbench.replay.data.arrays import own_arrays
-from fbench.replay.data.boxes import LABELS, MAX_BOXES, Boxes, Boxes2D, Boxes3D, most_boxes
+from fbench.replay.data.arrays import Array, own_arrays
+from fbench.replay.data.boxes import LABELS, MAX_BOXES, MAX_MAGNITUDE, Boxes, Boxes2D, Boxes3D, most_boxes
 from fbench.replay.data.frames import ClockName, Fault, Output
-from fbench.replay.data.messages import Image, Message, Pose
+from fbench.replay.data.messages import Image, Message, Pose, RadarScan
 from fbench.replay.data.rig import Rig
 from fbench.replay.logs.codecs.packed_points import only_finite
 from fbench.replay.logs.coordinate_frames import invalid
@@ -90,7 +91,18 @@ def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
     if max(float(finite.xyz.max()), -float(finite.xyz.min())) > MAX_RANGE_M:
         far = int(np.count_nonzero((np.abs(finite.xyz) > MAX_RANGE_M).any(axis=1)))
         faults.add("DAT003", f"{where}: {far} of {len(finite.xyz)} points")
-    return finite
+    return _drop_infinite(finite, where, faults) if isinstance(finite, RadarScan) else finite
+
+
+def _drop_infinite(scan: RadarScan, where: str, faults: FaultLog) -> RadarScan:
+    """Take infinite velocities and magnitudes of echoes as not measured; drivers write NaN for those."""
+    known: dict[str, Array] = {}
+    for name in ("radial_velocity_mps", "rcs_dbsm"):
+        values = getattr(scan, name)
+        if values is not None and (bad := np.abs(values) >= MAX_MAGNITUDE).any():
+            known[name] = np.where(bad, np.float32(np.nan), values)
+            faults.add("DAT006", f"{where}: {name} of {np.count_nonzero(bad)} of {len(values)} echoes")
+    return replace(scan, **known) if known else scan
 
 
 class OutputCheck:

@@ -1,6 +1,5 @@
 """Numbers, poses and intrinsics of calibration files, checked; errors begin with the place."""
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 
@@ -8,6 +7,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import MAX_MAGNITUDE
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.geometry.transforms import quaternion
 from fbench.replay.logs.coordinate_frames import Edge
@@ -30,7 +30,7 @@ def number(where: str, value: object) -> float:
     """Return a finite number, also where a file gives it as text. Raises ConfigError where it isn't one."""
     if isinstance(value, str) and len(value) <= _MAX_DIGITS and _NUMBER.fullmatch(value.strip()):
         value = float(value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < MAX_MAGNITUDE:
         raise ConfigError(f"{where}: expected a finite number, got {format_value(value)}", MALFORMED)
     return float(value)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import MAX_MAGNITUDE
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
 
@@ -108,10 +109,8 @@ class TransformTree:
         elif (edge := self.edges[frame]).parent != body:
             matrix = self._chain(path, body)
         else:  # what is returned as it is stored may be of any length
-            if not np.isfinite(edge.translation_m).all():
-                raise DecodeError(f"transform of '{frame}' isn't finite")
-            if not (np.isfinite(edge.rotation_xyzw).all() and np.any(edge.rotation_xyzw)):
-                raise DecodeError(f"transform of '{frame}' has no valid rotation")
+            if why := invalid(edge.translation_m, edge.rotation_xyzw):
+                raise DecodeError(f"transform of '{frame}' {why}")
             return edge.translation_m, edge.rotation_xyzw
         return matrix[:3, 3].copy(), quaternion(matrix[:3, :3])
 
@@ -131,7 +130,7 @@ class TransformTree:
 
 def invalid(translation_m: Float64, rotation_xyzw: Float64) -> str | None:
     """Tell what is wrong with a pose that can't be one."""
-    if not np.abs(np.nan_to_num(translation_m, nan=np.inf)).max() < _MAX:
+    if not np.abs(np.nan_to_num(translation_m, nan=np.inf)).max() < MAX_MAGNITUDE:
         return "isn't finite"
     largest = np.abs(np.nan_to_num(rotation_xyzw, nan=np.inf)).max()
     return None if _MIN_QUATERNION < largest < _MAX else "has no valid rotation"

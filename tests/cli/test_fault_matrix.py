@@ -19,8 +19,8 @@ from tests.cli import conftest as c
 from tests.replay.logs.other_forms import NO_SUMMARY, layout, rewrite
 
 from fbench.replay.contracts.faults import FAULTS
-from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
+from fbench.replay.data.boxes import MAX_BOXES, Boxes3D
+from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.containers.parquet.write import ParquetWriter
@@ -217,6 +217,12 @@ def truth_twice(messages: list[Any]) -> list[Any]:
     return [replace(m, boxes3d=box) if isinstance(m, Truth) else m for m in messages]
 
 
+def truth_crowded(messages: list[Any]) -> list[Any]:
+    num = MAX_BOXES + 1
+    boxes = Boxes3D(np.full((num, 3), 9.0), np.ones((num, 3)), np.zeros(num), track_id=np.arange(num))
+    return [replace(m, boxes3d=boxes) if isinstance(m, Truth) and m.stamp_ns == S else m for m in messages]
+
+
 def truth_flat(messages: list[Any]) -> list[Any]:
     box = Boxes3D(np.zeros((1, 3)) + 9, np.array([[4.0, 0, 1]]), np.zeros(1), label=np.array(["car"]))
     return [replace(m, boxes3d=box) if isinstance(m, Truth) and m.stamp_ns == S else m for m in messages]
@@ -270,6 +276,9 @@ CASES = [
          .astype(np.float32))), 0),
     Case("pose that is none", "DAT005", changed(lambda ms: [
         *ms, Pose("gnss", S, S, np.array([0, np.nan, 0]), np.array([0, 0, 0, 1.0]))]), 4),
+    Case("infinite Doppler", "DAT006", changed(lambda ms: [
+        replace(m, radial_velocity_mps=np.full(4, np.inf, np.float32)) if isinstance(m, RadarScan) and m.stamp_ns == S
+        else m for m in ms]), 0),
     Case("no transform", "CAL001", lambda f: c.write_log(f / "log.mcap", items(), replace(
         c.rig(), mounts={n: m for n, m in c.rig().mounts.items() if n != "radar"})), 3),
     Case("recalibrated", "CAL002", recalibrated, 0),
@@ -284,6 +293,7 @@ CASES = [
         else replace(m, log_ns=m.log_ns + 10**18) for m in ms]), 3),
     Case("one id twice", "GT003", changed(truth_twice), 3),
     Case("truth without size", "GT004", changed(truth_flat), 4),
+    Case("crowded truth", "GT008", changed(truth_crowded), 4),
     Case("stray truth", "GT006", changed(lambda ms: [*ms, Truth(9 * S, 9 * S, Boxes3D(
         np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)))]), 0),
     Case("cut footer", "PQ001", parquet(cut_footer), 3),
@@ -302,6 +312,7 @@ ELSEWHERE = {
     "GT001": "tests/cli/test_score_files.py::test_truth_for_no_sequence_is_an_error",
     "GT005": "tests/replay/formats/test_openlabel.py::test_what_is_no_box_is_counted",
     "GT007": "tests/replay/logs/test_ros_rig.py::test_classes_that_mean_nothing_are_counted_once",
+    "LIM005": "tests/metrics/core/test_similarity.py::test_more_pairs_than_fit_into_memory_are_refused",
     "LIM004": "tests/replay/logs/containers/parquet/test_limits.py::test_a_page_that_claims_gigabytes_is_refused",
     "TIM011": "tests/replay/logs/test_foreign.py::test_headers_without_stamps_are_told",
     "TIM013": "tests/replay/logs/test_foreign.py::test_times_that_arent_understood_are_told_once",

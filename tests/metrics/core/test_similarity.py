@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.core.similarity import blocks, image_overlaps
-from fbench.replay.contracts.errors import MetricError
+from fbench.metrics.core.similarity import MAX_PAIRS, blocks, image_overlaps
+from fbench.replay.contracts.errors import LimitError, MetricError
 from fbench.replay.contracts.profiles import SIMILARITY_KINDS, SimilarityKind
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.sequences import Objects
@@ -163,3 +163,16 @@ def test_share_of_an_estimate_in_a_region() -> None:
     truth, estimate = objects((0, 0, 0, 10, 10, 1, 0), (0, 0, 0, 10, 10, 1, 0)), objects((5, 0, 0, 10, 5, 1, 0))
     overlaps = image_overlaps(truth, estimate, 1, np.array([True, False]))
     assert overlaps.values.tolist() == [0.5, 0.2]
+
+
+@pytest.mark.parametrize("kind", SIMILARITY_KINDS)
+def test_more_pairs_than_fit_into_memory_are_refused(kind: SimilarityKind) -> None:
+    one, many = (objects(*[(1.0, 2, 0, 4, 2, 1, 0)] * num) for num in (1, 1001))
+    assert len(blocks(one, many, 1, kind).values) == 1001
+    with pytest.raises(
+        LimitError, match=f"1001 truth boxes and 1001 results to compare, more than {MAX_PAIRS}"
+    ) as caught:
+        blocks(many, many, 1, kind)
+    assert caught.value.code == "LIM005"
+    spread = np.arange(1001)  # one in each step: linear in the length of the log
+    assert len(blocks(replace(many, step=spread), replace(many, step=spread), 1001, kind).values) == 1001

@@ -25,12 +25,12 @@ def read_calibration(data: bytes | memoryview) -> tuple[str, CameraModel]:
     if len(proto.K) != 9 or not any(proto.K):
         raise DecodeError(f"camera '{proto.frame_id}' isn't calibrated (K has {len(proto.K)} values)")
     K = np.array(list(proto.K)).reshape(3, 3)
-    distortion = np.array(list(proto.D))
-    if not (np.isfinite(K).all() and np.isfinite(distortion).all() and K[0, 0] > 0 and K[1, 1] > 0):
+    model = CameraModel(K, (proto.width, proto.height), proto.distortion_model, np.array(list(proto.D)))
+    if not model.is_sound:
         raise DecodeError(f"camera '{proto.frame_id}' has no valid focal length, center and distortion")
     if not (proto.width and proto.height):
         raise DecodeError(f"camera '{proto.frame_id}' has an image size of {proto.width}x{proto.height}")
-    return proto.frame_id, CameraModel(K, (proto.width, proto.height), proto.distortion_model, np.array(list(proto.D)))
+    return proto.frame_id, model
 
 
 KIND, SENSOR, FRAME_NUMBER, SIZE = "kind", "sensor", "frame_number", "size_wh"  # Keys of channel metadata

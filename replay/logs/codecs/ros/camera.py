@@ -98,7 +98,7 @@ def camera_model(info: Any, encoding: str) -> tuple[str, CameraModel]:
     distortion = np.array(get(info, "d", "D"), np.float64).reshape(-1)
     if not K.any():
         raise DecodeError(f"camera '{frame_id}' isn't calibrated (K is zero)")
-    if not (np.isfinite(K).all() and np.isfinite(distortion).all() and K[0, 0] > 0 and K[1, 1] > 0):
+    if not CameraModel(K, (1, 1), "", distortion).is_sound:
         raise DecodeError(f"camera '{frame_id}' has no valid focal length, center and distortion")
     model = str(get(info, "distortion_model"))
     size_wh = _apply_region(info, K, frame_id)

@@ -15,6 +15,7 @@ from fbench.replay.contracts.errors import DataError, LogError, wrong_field
 from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig
 from fbench.replay.logs.container import Channel, Schema
 from fbench.replay.logs.containers.parquet.columns import StreamKind
+from fbench.replay.logs.coordinate_frames import invalid
 
 Natural = Annotated[int, Field(ge=0, lt=2**64)]
 
@@ -82,8 +83,8 @@ def _mount(name: str, entry: MountEntry) -> Mount:
         mount = Mount(entry.kind, np.array(entry.translation_m, "f8"), np.array(entry.rotation_xyzw, "f8"))
     except DataError as error:
         raise LogError(f"sensor '{name}': {error}", "CAL001") from error
-    if not np.any(mount.rotation_xyzw):
-        raise LogError(f"sensor '{name}' has no valid pose (rotation {entry.rotation_xyzw})", "CAL001")
+    if why := invalid(mount.translation_m, mount.rotation_xyzw):
+        raise LogError(f"sensor '{name}' has no valid pose ({why})", "CAL001")
     return mount
 
 
@@ -93,8 +94,8 @@ def _camera(name: str, entry: CameraEntry) -> CameraModel:
         camera = CameraModel(K, (entry.size_wh[0], entry.size_wh[1]), entry.distortion_model, distortion)
     except (DataError, ValueError) as error:
         raise LogError(f"camera '{name}': {error}", "CAL001") from error
-    if not (camera.K[0, 0] > 0 and camera.K[1, 1] > 0):
-        raise LogError(f"camera '{name}' has no valid focal length", "CAL001")
+    if not camera.is_sound:
+        raise LogError(f"camera '{name}' has no valid focal length, center and distortion", "CAL001")
     return camera
 
 
