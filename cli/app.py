@@ -64,6 +64,8 @@ app.add_typer(weights.app, name="weights")
 
 _MIN_ADDRESS_BYTES = 2 << 30
 
+_INTERRUPTED = 128 + signal.SIGINT  # Typer's exit code for KeyboardInterrupt
+
 # Typer shows the class of all usage errors only as the parent of another.
 _UsageError: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
 
@@ -118,10 +120,11 @@ def main() -> None:
     try:
         # It may stand anywhere, as people add it to the end of a command that went wrong.
         others = [a for a in arguments if a != "--debug"] or ["--help"]
-        sys.exit(app(["--debug", *others] if debug else others, standalone_mode=False))
+        code = app(["--debug", *others] if debug else others, standalone_mode=False)
+        if code == _INTERRUPTED and not interrupts:
+            raise typer.Abort
+        sys.exit(code)
     except typer.Abort:
-        if interrupts:
-            sys.exit(128 + signal.SIGINT)
         _complain("a plug-in ended the command with KeyboardInterrupt or EOFError; --debug shows where")
         sys.exit(EXIT_DATA)
     except TerminatedError:

@@ -64,7 +64,7 @@ CASES = {
     "odd names": (f"fbench {REPLAY} --report", 0, ""),
     "odd names, isolated": (f"fbench {REPLAY} --isolate -o {{odd}}/run", 0, ""),
     "odd names, verified": (f"fbench {REPLAY.replace('replay', 'verify')} --quick", 0, ""),
-    "odd names, converted": ("cd {odd}; L={odd}.parquet; fbench log convert {odd}.mcap -o $L && fbench log info $L", 0, ""),
+    "odd names, converted": ("cd {odd}; fbench log convert {odd}.mcap -o l.mcap && fbench log info l.mcap", 0, ""),
     "odd names, scored": (f"R={{odd}}/r; fbench {REPLAY} -o $R && fbench score $R && fbench report $R", 0, ""),
     "odd names, compared": (f"R={{odd}}/r; fbench {REPLAY} -o $R && fbench compare $R $R", 0, ""),
     "odd name that isn't there": ("fbench log info {odd}.mcap", 3, "fbench: b d.mcap: "),
