@@ -1,6 +1,10 @@
 """Plug-ins in a process of their own: the same bytes, and whatever they do costs no more than a frame."""
 
 import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -244,3 +248,26 @@ def test_nothing_of_an_isolated_plugin_stays_open(fbench, log):
     before = sorted(os.listdir("/proc/self/fd"))
     fbench("replay", log, "-p", "mine.py:Segfaults", "-o", "run", "--isolate")
     assert sorted(os.listdir("/proc/self/fd")) == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_an_isolated_plugin_ends_with_fbench(log, tmp_path, number):
+    marked = PLUGIN.replace("def loop():", "def loop():\n    print(os.getpid(), file=open('pid', 'w'), flush=True)")
+    (tmp_path / "mine.py").write_text(marked)
+    command = [sys.executable, "-P", "-c", "from fbench.cli import main; main()", "replay", str(log), "-p",
+               "mine.py:Loops", "-o", "run", "--isolate", "--frame-timeout-s", "600"]  # fmt: skip
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as parent:
+        while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+            assert parent.poll() is None
+            time.sleep(0.02)
+        parent.send_signal(number)
+        _, err = parent.communicate(timeout=60)
+    assert parent.returncode == (-number if number == signal.SIGKILL else 128 + number)
+    assert err.strip() == ""
+    child = Path(f"/proc/{(tmp_path / 'pid').read_text().strip()}/stat")
+    for _ in range(500):  # the system takes a moment to end a child of a killed process
+        if not child.exists() or child.read_text().split()[2] == "Z":
+            break
+        time.sleep(0.02)
+    else:
+        pytest.fail("the plug-in's process goes on")
