@@ -32,7 +32,7 @@ def main() -> int:
     """Do what stdin says."""
     with own_stdout() as out:
         try:
-            run(TASK.validate_json(sys.stdin.buffer.read().decode()))
+            run(TASK.validate_python(json.loads(sys.stdin.buffer.read())))
         except FbenchError as error:
             out.write(f"{error}\n")
             return error.exit_code

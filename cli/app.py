@@ -1,8 +1,12 @@
 """The commands of `fbench`, and how their errors become one line and an exit code."""
 
+import io
 import os
+import resource
 import signal
 import sys
+import threading
+from contextlib import suppress
 from types import FrameType
 from typing import Annotated
 
@@ -30,7 +34,7 @@ from fbench.cli import (
 )
 from fbench.cli.options import examples
 from fbench.cli.show import printable, show_traceback
-from fbench.replay.contracts.errors import EXIT_DATA, EXIT_USAGE, FbenchError, TerminatedError, one_line
+from fbench.replay.contracts.errors import EXIT_DATA, EXIT_USAGE, INTERRUPTS, FbenchError, TerminatedError, one_line
 from fbench.replay.runs.secrets import without_secrets
 
 app = typer.Typer(
@@ -59,6 +63,10 @@ log.command("export", epilog=examples("log export"))(log_export.export)
 log.command("simulate", epilog=examples("log simulate"))(log_simulate.simulate)
 app.add_typer(log, name="log")
 app.add_typer(weights.app, name="weights")
+
+_MIN_ADDRESS_BYTES = 2 << 30
+
+_INTERRUPTED = 128 + signal.SIGINT  # Typer's exit code for KeyboardInterrupt
 
 # Typer shows the class of all usage errors only as the parent of another.
 _UsageError: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
@@ -91,29 +99,85 @@ def main() -> None:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     # What is wrong with an image is told in one line, by who reads it.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    _open_standard_files()
     # So that a cancelled job cleans up behind itself.
     signal.signal(signal.SIGTERM, _terminate)
+    sys.unraisablehook = _raise_again
+    interrupts = list[int]()  # Ctrl-C, told from what a plug-in raises
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+
+        def interrupt(number: int, frame: FrameType | None) -> None:
+            interrupts.append(number)
+            raise KeyboardInterrupt
+
+        signal.signal(signal.SIGINT, interrupt)
     arguments = sys.argv[1:]
     debug = "--debug" in arguments
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < _MIN_ADDRESS_BYTES:
+        # Below it numerical libraries crash or hang instead of failing.
+        least = f"at least {_MIN_ADDRESS_BYTES >> 10} are needed, of which most is never used"
+        _complain(f"out of memory: ulimit -v allows {limit >> 10} KiB of addresses, {least}")
+        sys.exit(EXIT_USAGE)
     try:
         # It may stand anywhere, as people add it to the end of a command that went wrong.
         others = [a for a in arguments if a != "--debug"] or ["--help"]
-        sys.exit(app(["--debug", *others] if debug else others, standalone_mode=False))
+        code = app(["--debug", *others] if debug else others, standalone_mode=False)
+        if code == _INTERRUPTED and not interrupts:
+            raise typer.Abort
+        sys.exit(code)
     except typer.Abort:
-        sys.exit(128 + signal.SIGINT)
+        _complain("a plug-in ended the command with KeyboardInterrupt or EOFError; --debug shows where")
+        sys.exit(EXIT_DATA)
     except TerminatedError:
         sys.exit(128 + signal.SIGTERM)
     except Exception as error:  # noqa: BLE001 - a mistake of fbench, or of a plug-in where none is expected
         if debug:
             show_traceback(error)
         if line := _line(error):  # empty where help was shown instead
-            sys.stderr.write(f"fbench: {line}\n")
+            _complain(line)
         code = EXIT_USAGE if isinstance(error, _UsageError) else EXIT_DATA
         sys.exit(error.exit_code if isinstance(error, FbenchError) else code)
 
 
+_AGAIN_S = 0.1
+
+
+def _open_standard_files() -> None:
+    """Open what is closed of stdin, stdout and stderr, or else files of a run would get their numbers and whatever a
+    library prints; let each take any text.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # of any locale: what it can't show mustn't end a command
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _complain(line: str) -> None:
+    """Write a line to stderr, if that is there and has room: the exit code counts all the same."""
+    with suppress(OSError, ValueError, AttributeError):
+        sys.stderr.write(f"fbench: {line}\n")
+        sys.stderr.flush()
+
+
+def _raise_again(lost: "sys.UnraisableHookArgs") -> None:
+    """Send a signal again that came where Python drops exceptions, such as in the callback of a library."""
+    if isinstance(lost.exc_value, INTERRUPTS):
+        number = signal.SIGTERM if isinstance(lost.exc_value, TerminatedError) else signal.SIGINT
+        threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number)).start()
+    else:
+        sys.__unraisablehook__(lost)
+
+
 def _terminate(number: int, frame: FrameType | None) -> None:
     raise TerminatedError
+
+
+_SIGNS_OF_NO_MEMORY = ("failed to map segment", "Cannot allocate memory", "can't start new thread", "bad_alloc")
 
 
 def _line(error: Exception) -> str:
@@ -121,10 +185,12 @@ def _line(error: Exception) -> str:
     match error:
         case FbenchError():
             text = f"{error} [{error.code}]" if error.code else str(error)
-        case OSError():
-            text = f"{error.filename or 'output'}: {error.strerror or error}"
         case MemoryError():
             text = "out of memory: the data needs more than there is"
+        case ImportError() | OSError() | RuntimeError() if any(sign in str(error) for sign in _SIGNS_OF_NO_MEMORY):
+            text = f"out of memory: {one_line(error)}"
+        case OSError() if error.errno is not None:
+            text = f"{error.filename or 'output'}: {os.strerror(error.errno)}"
         case _UsageError():
             text = error.format_message()
         case _:

@@ -1,6 +1,5 @@
 """`fbench log check`."""
 
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +8,7 @@ import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import console, make_table, message_progress, print_json, say
+from fbench.cli.show import console, make_table, message_progress, plugin_output, print_json, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.data.scores import format_count
 
@@ -46,7 +45,7 @@ def check(
     json: options.Json = False,
 ) -> None:
     """Read a whole log and report what is wrong: exit 0 clean, 1 findings, 3 unreadable."""
-    from contextlib import nullcontext, redirect_stdout
+    from contextlib import nullcontext
 
     from fbench.api.runs import open_requested, short_name
     from fbench.replay.check.findings import require_codes
@@ -68,9 +67,8 @@ def check(
     stamp_params = source.stamps(stamps, offset or ())
     given = tuple(sensors_of(pipeline, patterns) if pipeline else patterns)
     faults, name = FaultLog(), short_name(pipeline) if pipeline else ""
-    # What a plug-in prints must not get between the lines of --json.
     with (
-        redirect_stdout(sys.stderr),
+        plugin_output(),
         open_requested(request, settings) if pipeline else nullcontext() as opened,
         explain_losses(faults),
     ):

@@ -1,7 +1,5 @@
 """`fbench replay`."""
 
-import sys
-from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Annotated
 
@@ -69,7 +67,7 @@ def replay(
     from fbench.api.runs import name_pipeline
     from fbench.api.runs import replay as replay_log
     from fbench.cli.run_summary import require_coverage, show_run
-    from fbench.cli.show import frame_progress, show_traceback
+    from fbench.cli.show import frame_progress, plugin_output, show_traceback
     from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
     from fbench.replay.data.scores import ScoreOptions
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline
@@ -116,9 +114,8 @@ def replay(
             failed.append(error)
             show_traceback(error)
 
-    # What a plug-in prints must not get between the lines of --json.
     title = f"{log.name} → {name_pipeline(request)}"
-    with redirect_stdout(sys.stderr), frame_progress(title) as progress:
+    with frame_progress(title) as progress, plugin_output():
         run = replay_log(request, progress, show_first).run
     show_run(run, json)
     raise typer.Exit(require_coverage(run, min_coverage, EXIT_OK if run.manifest.complete else EXIT_LOSSY))

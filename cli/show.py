@@ -1,13 +1,14 @@
 """Tables and progress on the terminal, JSON for machines, and faults as text."""
 
+import io
 import json
 import os
 import signal
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from typing import Any, BinaryIO, TextIO
 
 from rich import progress as bars
 from rich.console import Console
@@ -38,6 +39,41 @@ class _Console(Console):
 def printable(text: str) -> str:
     """Return a text with a space for each character that can't be printed."""
     return "".join(c if c.isprintable() else " " for c in text)
+
+
+class _PluginOutput(io.TextIOBase):
+    """Passes on what a plug-in prints, with a space for what would steer a terminal."""
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+
+    @property
+    def buffer(self) -> BinaryIO:
+        """The file below, for bytes."""
+        return self._file.buffer
+
+    def write(self, text: str) -> int:
+        self._file.write("".join(c if c.isprintable() or c in "\n\t" else " " for c in text))
+        return len(text)
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def fileno(self) -> int:
+        return self._file.fileno()
+
+    def isatty(self) -> bool:
+        return self._file.isatty()
+
+
+@contextmanager
+def plugin_output() -> Iterator[None]:
+    """Let what plug-ins print go to stderr, not between the lines of --json, while the `with` block runs."""
+    if sys.stderr is None:  # closed
+        yield
+        return
+    with redirect_stdout(_PluginOutput(sys.stderr)), redirect_stderr(sys.stdout):
+        yield
 
 
 def console() -> Console:
@@ -252,6 +288,6 @@ def replay_progress(title: str) -> Iterator[Callable[[int, int], None]]:
 
 def _progress(*columns: bars.ProgressColumn, spins: bool = False) -> bars.Progress:
     """On stderr, where that is a terminal, and gone when it ends; spins where nobody knows how much there is."""
-    console = Console(stderr=True)
+    console = Console(file=sys.stderr)  # this one, whatever plug-ins get in its place
     named = [*([bars.SpinnerColumn()] if spins else []), bars.TextColumn("{task.description}", markup=False)]
     return bars.Progress(*named, *columns, console=console, transient=True, disable=not console.is_terminal)

@@ -51,7 +51,7 @@ class Host:
             match request.WhichOneof("kind"):
                 case "hello":
                     self._start(request.hello)
-                    response.ready.version, response.ready.name = VERSION, self._name
+                    response.ready.version = VERSION
                 case "reset":
                     self._made.reset(request.reset.reason)
                     response.done.SetInParent()

@@ -42,9 +42,14 @@ def hello(rig: Rig, info: LogInfo) -> schema.Hello:
     return schema.Hello(version=VERSION, log_name=info.name, log_id=info.log_id, metadata=metadata, sensors=sensors)
 
 
-def small_request(sequence: int, **kind: schema.Hello | schema.Reset | schema.Question) -> Pieces:
+def small_request(
+    sequence: int,
+    hello: schema.Hello | None = None,
+    reset: schema.Reset | None = None,
+    question: schema.Question | None = None,
+) -> Pieces:
     """Return a request without bulk data."""
-    return [schema.Request(sequence=sequence, **kind).SerializeToString()]  # type: ignore[arg-type]  # by its name
+    return [schema.Request(sequence=sequence, hello=hello, reset=reset, question=question).SerializeToString()]
 
 
 @dataclass(frozen=True)

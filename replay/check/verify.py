@@ -1,5 +1,6 @@
 """Verification: one task replayed under many circumstances, each in a fresh process, and compared."""
 
+import json
 import os
 import subprocess
 import sys
@@ -150,7 +151,7 @@ class _Children:
             cwd=self._elsewhere if variant.elsewhere else None,
         )  # fmt: skip
         self._running.append(process)
-        out, err = process.communicate(TASK.dump_json(task).decode())
+        out, err = process.communicate(json.dumps(TASK.dump_python(task, mode="json")))
         if process.returncode == 0:
             return None
         lines = (line for text in (out, err) for line in reversed(text.splitlines()) if line.strip())

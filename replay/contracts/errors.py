@@ -19,6 +19,8 @@ EXIT_DATA = 3
 EXIT_LOSSY = 4
 _MAX_CHARS = 1200
 """Longer messages lose their middle, which then is a name or value from data."""
+_MAX_TEXT = 1 << 20
+_MAX_NAME = 200
 
 
 def _clean(text: str) -> str:
@@ -136,7 +138,7 @@ def one_line(error: BaseException) -> str:
         raise
     except BaseException as second:  # noqa: BLE001 - the text of a plug-in's error is made by the plug-in, too
         text = f"its text can't be made ({type(second).__name__})"
-    what = next(iter(text.splitlines()), "no message")
+    what = next(iter(text[:_MAX_TEXT].splitlines()), "no message")
     places = traceback.extract_tb(error.__traceback__)
     place = f" ({Path(places[-1].filename).name}:{places[-1].lineno})" if places else ""
     return f"{type(error).__name__}: {_clean(what)}{place}"
@@ -144,7 +146,7 @@ def one_line(error: BaseException) -> str:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return `; did you mean 'x'?`, or the known names where none is near."""
-    names = sorted(known)
+    names, name = sorted(known), name[:_MAX_NAME]
     lower = {n.lower(): n for n in names}
     near = difflib.get_close_matches(name.lower(), list(lower), n=1, cutoff=0.6)
     if not near:

@@ -105,6 +105,14 @@ def _drop_infinite(scan: RadarScan, where: str, faults: FaultLog) -> RadarScan:
     return replace(scan, **known) if known else scan
 
 
+_MAX_SHOWN = 200
+
+
+def _short(value: object) -> str:
+    text = repr(value)  # of a plug-in, which may make it as long as it likes
+    return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]} ..."
+
+
 class OutputCheck:
     """Checks outputs of one run: their types, names that exist, and one kind of boxes throughout."""
 
@@ -123,16 +131,16 @@ class OutputCheck:
         texts: Mapping[Any, Any] = dict(output.missing)
         for key, value in texts.items():
             if not isinstance(key, str) or not isinstance(value, str):
-                raise DataError(f"Output.missing: expected texts, got {key!r}: {value!r}")
+                raise DataError(f"Output.missing: expected texts, got {_short(key)}: {_short(value)}")
         times: Mapping[Any, Any] = dict(output.stage_ns)
         for stage, ns in times.items():
             if not isinstance(stage, str) or not isinstance(ns, int | np.integer) or ns < 0:
-                raise DataError(f"Output.stage_ns: expected names and times [ns], got {stage!r}: {ns!r}")
+                raise DataError(f"Output.stage_ns: expected names and times [ns], got {_short(stage)}: {_short(ns)}")
         if output.clock not in get_args(ClockName):
-            raise DataError(f"Output.clock: expected {' or '.join(get_args(ClockName))}, got {output.clock!r}")
+            raise DataError(f"Output.clock: expected {' or '.join(get_args(ClockName))}, got {_short(output.clock)}")
         for fault in output.faults:
             if not isinstance(fault, Fault) or fault.code not in FAULTS:
-                raise DataError(f"Output.faults: {fault!r} isn't a fault of the table")
+                raise DataError(f"Output.faults: {_short(fault)} isn't a fault of the table")
         return own_arrays(output)
 
     def _check_boxes(self, where: str, boxes: object) -> None:
@@ -152,4 +160,4 @@ class OutputCheck:
         for field, names, known in (("label", labels, ("", *LABELS)), ("camera", cameras, self._cameras)):
             for name in names:
                 if name not in known:
-                    raise DataError(f"{where}.{field}: '{name}' isn't known{did_you_mean(name, known)}")
+                    raise DataError(f"{where}.{field}: {_short(name)} isn't known{did_you_mean(name, known)}")

@@ -52,6 +52,9 @@ def open_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: 
         yield ahead
 
 
+_LOOK_S = 1.0  # How often to look whether the thread still lives: without memory it may end and say nothing
+
+
 class _Item(NamedTuple, Generic[R]):
     """What the thread hands over."""
 
@@ -83,9 +86,12 @@ class _Queue(Generic[R]):
             self._changed.notify_all()
             return True
 
-    def get(self) -> _Item[R]:
+    def get(self, is_filled: Callable[[], bool]) -> _Item[R]:
+        """Wait for the next item. Raises MemoryError where nobody fills the queue any more, and nobody said why."""
         with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._items)
+            while not self._changed.wait_for(lambda: self._closed or self._items, _LOOK_S):
+                if not (is_filled() or self._items):
+                    raise MemoryError
             if not self._items:
                 return _Item(None, StagedFaults(), 0)
             item = self._items.popleft()
@@ -141,11 +147,11 @@ class _AheadReader:
         self.stop()
         queue = _Queue[R](self._limit)
         thread = threading.Thread(target=self._read, args=(queue, messages), name="fbench-read-ahead")
-        self._running = (thread, queue)
         thread.start()
+        self._running = (thread, queue)
         try:
             while True:
-                item = queue.get()
+                item = queue.get(thread.is_alive)
                 item.faults.pass_to(self._faults)
                 if isinstance(item.content, BaseException):
                     raise item.content

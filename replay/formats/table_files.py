@@ -86,7 +86,7 @@ class TableFile:
         kinds = ((self.names[name], kind) for name, kind in self.types.items())
         texts = [n for n, kind in kinds if n in names and (pa.types.is_string(kind) or pa.types.is_large_string(kind))]
         with pq.ParquetFile(
-            self.path, page_checksum_verification=True, pre_buffer=False,
+            pa.OSFile(os.fsencode(self.path)), page_checksum_verification=True, pre_buffer=False,
             read_dictionary=texts,  # a text that is repeated takes room once
         ) as file:  # fmt: skip
             yield from file.iter_batches(_ROWS_AT_ONCE, columns=names, use_threads=False)

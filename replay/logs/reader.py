@@ -26,7 +26,7 @@ from fbench.replay.logs.events import EventDecoder, make_origin
 from fbench.replay.logs.roles import roles, select, sensor_roles
 from fbench.replay.logs.setup import BoxSource, Setup
 from fbench.replay.logs.truth import join_parts, pair_parts
-from fbench.replay.runs.secrets import clean_mapping, without_secrets
+from fbench.replay.runs.secrets import clean_mapping, readable, without_secrets
 
 Event: TypeAlias = Message | RigChange | TruthPart | None
 
@@ -62,7 +62,8 @@ class LogReader:
         """Name, id and metadata, without credentials; a missing id is made of topics, schemas and first messages."""
         header = self.container.header
         log_id = self._digest() if header is None else header.log_id
-        return LogInfo(without_secrets(self.container.path.stem), without_secrets(log_id), self._calibration.metadata)
+        name = readable(without_secrets(self.container.path.stem))
+        return LogInfo(name, without_secrets(log_id), self._calibration.metadata)
 
     @cached_property
     def _calibration(self) -> LogCalibration:

@@ -3,6 +3,7 @@
 import json
 from array import array
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -80,7 +81,8 @@ class RunWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for writer in self._writers.values():
-            writer.close()
+            with suppress(OSError):  # on a full disk what is pending has no place, and nobody wants it any more
+                writer.close()
         self._draft.discard()
 
     @property

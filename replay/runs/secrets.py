@@ -58,18 +58,28 @@ def without_secrets(text: str) -> str:
     return _without_named(_without_bare(_without_queries(_without_users(text))))
 
 
+_NO_CHARACTERS = re.compile("[\ud800-\udfff]")
+
+
+def readable(text: str) -> str:
+    """Return a text that any file can hold: what isn't Unicode in the name of a file becomes `_`."""
+    return _NO_CHARACTERS.sub("_", text)
+
+
 def clean_mapping(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a mapping whose keys and texts hold no secrets; texts under names like `api_key` are hidden whole."""
+    """Return a mapping whose keys and texts hold no secrets, and only Unicode; texts under names like `api_key` are
+    hidden whole.
+    """
     cleaned: dict[str, Any] = {}
     for key, value in values.items():
         hidden = isinstance(value, str) and value != "" and is_secret_name(key)
-        cleaned.setdefault(without_secrets(key), HIDDEN if hidden else _clean(value))
+        cleaned.setdefault(readable(without_secrets(key)), HIDDEN if hidden else _clean(value))
     return cleaned
 
 
 def _clean(value: Any) -> Any:
     if isinstance(value, str):
-        return without_secrets(value)
+        return readable(without_secrets(value))
     if isinstance(value, Mapping):
         return clean_mapping(value)
     return [_clean(item) for item in value] if isinstance(value, list | tuple) else value

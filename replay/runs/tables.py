@@ -1,5 +1,6 @@
 """Boxes and timings as Parquet tables of a run folder; equal rows give equal bytes."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -44,7 +45,8 @@ class BoxWriter:
 
     def __init__(self, path: Path, kind: type[Boxes2D] | type[Boxes3D]) -> None:
         self._schema = _schema(kind)
-        self._writer = pq.ParquetWriter(path, self._schema, compression="zstd", write_page_checksum=True)
+        self._file = pa.OSFile(os.fsencode(path), "wb")
+        self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd", write_page_checksum=True)
         self._joined: list[pa.RecordBatch] = []
         self._pending: list[pa.RecordBatch] = []
         self._num_rows = 0
@@ -70,6 +72,7 @@ class BoxWriter:
         self._flush()
         self._writer.add_key_value_metadata({"present": ",".join(sorted(self._present))})
         self._writer.close()
+        self._file.close()
 
     def _join(self) -> None:
         """Copy many small batches into one: each costs kilobytes beside its rows."""
@@ -106,7 +109,7 @@ def read_boxes(path: Path) -> BoxTable:
     if kind is None or not table.schema.equals(_schema(kind)):
         raise RunError(f"{path}: can't be read (not a table of boxes)")
     # The names are kept apart, since a table without rows can't show which fields its boxes had.
-    present = (pq.read_metadata(path).metadata or {}).get(b"present", b"").decode().split(",")
+    present = (pq.read_metadata(pa.OSFile(os.fsencode(path))).metadata or {}).get(b"present", b"").decode().split(",")
     arrays = {f.name: column_array(table.column(f.name)) for f in fields(kind) if f.name in present}
     frames = table.column("frame").to_numpy()
     boxes = replace(Boxes2D.empty(), **arrays) if kind is Boxes2D else replace(Boxes3D.empty(), **arrays)
@@ -134,13 +137,15 @@ def column_array(column: pa.ChunkedArray) -> Array:
 def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
     """Read a Parquet file, or some of its columns, checksums verified. Raises RunError where it can't be read."""
     try:
-        return pq.read_table(
-            path, columns=columns, page_checksum_verification=True, use_threads=False, pre_buffer=False
-        )
+        with pa.OSFile(os.fsencode(path)) as file:  # whose name needn't be Unicode
+            return pq.read_table(
+                file, columns=columns, page_checksum_verification=True, use_threads=False, pre_buffer=False
+            )
     except (OSError, pa.ArrowException) as error:
         raise RunError(f"{path}: can't be read ({str(error).splitlines()[0]})") from error
 
 
 def write_table(path: Path, columns: Mapping[str, pa.Array]) -> None:
     """Write one Parquet file with checksums."""
-    pq.write_table(pa.table(dict(columns)), path, compression="zstd", write_page_checksum=True)
+    with pa.OSFile(os.fsencode(path), "wb") as file:
+        pq.write_table(pa.table(dict(columns)), file, compression="zstd", write_page_checksum=True)

@@ -1,5 +1,6 @@
 """The request of a replay: every option of `fbench replay` by its name."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -110,12 +111,12 @@ class ReplayRequest:
 
     def to_json(self) -> str:
         """Return it as one line, for another process."""
-        return _ADAPTER.dump_json(self).decode()
+        return json.dumps(_ADAPTER.dump_python(self, mode="json"))
 
     @staticmethod
     def from_json(text: str) -> "ReplayRequest":
         """Read what `to_json` returned."""
-        return _ADAPTER.validate_json(text)
+        return _ADAPTER.validate_python(json.loads(text))  # paths needn't be Unicode
 
     def resolve(self) -> "ReplayOptions":
         """Read all options, with those of the log's configuration where the request leaves them open. Raises

@@ -3,6 +3,7 @@
 import pytest
 
 UNRULY = """
+import sys
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Output
 
@@ -31,6 +32,16 @@ class NotANumber(Quiet):
 
 class AtStderr(Quiet):
     def stderr(self): raise KeyError("log")
+
+class HangsAtClose(Quiet):
+    def close(self):
+        while True: pass
+
+class Paints(Quiet):
+    def step(self, frame):
+        print("\\x1b[2Jout\\a")
+        print("\\x1b]0;title\\x07err\\tor", file=sys.stderr)
+        return super().step(frame)
 
 class AtStepAndClose(AtClose):
     def step(self, frame): raise ValueError("first")
@@ -62,3 +73,19 @@ def test_a_log_that_a_pipeline_cannot_take_is_one_line_in_a_check(fbench, log, t
     result = fbench("log", "check", log, "-p", "unruly.py:AtLog")
     assert (result.code, result.err.count("\n")) == (3, 1), result.err
     assert "can't use the log: ZeroDivisionError: oh" in result.err
+
+
+def test_a_close_that_hangs_is_ended(fbench, log, tmp_path, monkeypatch):
+    monkeypatch.setattr("fbench.replay.contracts.plugins.CLOSE_TIMEOUT_S", 0.2)
+    (tmp_path / "unruly.py").write_text(UNRULY)
+    result = fbench("replay", log, "-p", "unruly.py:HangsAtClose", "-o", "run")
+    assert (result.code, result.err.count("\n")) == (3, 1)
+    assert "can't be closed: TimeoutError: took longer than 0.2 s" in result.err
+
+
+def test_what_a_plugin_prints_cannot_steer_the_terminal(fbench, log, tmp_path):
+    (tmp_path / "unruly.py").write_text(UNRULY)
+    result = fbench("replay", log, "-p", "unruly.py:Paints", "-o", "run", "--json")
+    assert result.code == 0
+    assert result.json()
+    assert result.err == 6 * " [2Jout \n ]0;title err\tor\n"

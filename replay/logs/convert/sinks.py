@@ -12,6 +12,7 @@ from fbench.replay.logs.container import Channel, Entry, LogHeader
 from fbench.replay.logs.containers.mcap.write import CHUNK_SIZE, Encoded, RawMcapWriter, encode
 from fbench.replay.logs.containers.parquet.write import ParquetWriter
 from fbench.replay.logs.convert.target import PartsWriter, Target
+from fbench.replay.runs.secrets import readable
 
 
 class Copied(NamedTuple):
@@ -152,7 +153,7 @@ def open_sink(target: Target, about: LogHeader) -> Sink:
     """
     compression = target.compression or "zstd"
     if target.form == "parquet":
-        info = LogInfo(target.path.stem, about.log_id, about.metadata)
+        info = LogInfo(readable(target.path.stem), about.log_id, about.metadata)
         return ParquetSink(target.path, info, None, compression, target.rows_per_group, about.kinds)
 
     def open_file(path: Path) -> RawMcapWriter:

@@ -2,15 +2,18 @@
 
 import re
 import sys
+import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.replay.engine.test_run import play
-from tests.replay.fakes import Echo, drive
+from tests.replay.fakes import RIG, Echo, drive
 
-from fbench.replay.contracts.errors import TerminatedError
+from fbench.replay.contracts.errors import DataError, TerminatedError
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Output
+from fbench.replay.engine.cleaning import OutputCheck
 
 
 class NoTextError(Exception):
@@ -87,3 +90,24 @@ def test_buffers_that_a_pipeline_fills_again_stay_as_they_were(tmp_path):
     run = play(drive(), tmp_path / "run", Reusing())
     assert [run.detections.at(i).center_m[0, 0] for i in range(20)] == list(range(20))
     assert [run.tracks.at(i).center_m[0, 0] for i in range(20)] == list(range(20))
+
+
+class Wordy:
+    def __repr__(self):
+        return "x" * 10**8
+
+
+@pytest.mark.parametrize(
+    "spoil", [{"stage_ns": {"a": Wordy()}}, {"missing": {"a": Wordy()}}, {"faults": (Wordy(),)}, {"clock": Wordy()}]
+)
+def test_a_huge_text_of_a_wrong_value_is_cut_before_it_is_copied(spoil):
+    boxes = Boxes3D.empty()
+    output = replace(Output(boxes, boxes, {}), **spoil)
+    check = OutputCheck(RIG)
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match=r"x{100} \.\.\."):
+            check(output)
+        assert tracemalloc.get_traced_memory()[1] < 1.5e8  # the text itself, and no copy of it
+    finally:
+        tracemalloc.stop()

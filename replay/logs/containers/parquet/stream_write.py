@@ -186,7 +186,7 @@ class StreamWriter:
 
     def _index_sums(self) -> list[int]:
         """Checksums of the first column of all row groups, whose end only the footer tells."""
-        metadata = pq.read_metadata(self._path)
+        metadata = pq.read_metadata(pa.OSFile(os.fsencode(self._path)))
         sums = []
         with self._path.open("rb") as file:
             for group in range(metadata.num_row_groups):
