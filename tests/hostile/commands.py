@@ -36,7 +36,8 @@ class Command:
 
     call: Callable[[], int | None]
     out: str
-    keeps: bool = False  # Whether it keeps what an earlier one finished, and goes on from there
+    has_parts: bool = False  # Whether each part of it is there as soon as it is finished
+    replaces: bool = True  # Whether it makes anew what is there, or goes on from it
 
     def digest(self, folder: Path) -> Mapping[str, str]:
         """Digests of what it wrote, measured times left out, by name."""
@@ -74,10 +75,10 @@ COMMANDS: Mapping[str, Command] = {
         _fbench("replay", "../in/a.mcap", "-p", "lidar3d", "--all-around", "-o", "out", "--overwrite"), "out"
     ),
     "convert": Command(_fbench("log", "convert", "../in/a.mcap", "-o", "out.parquet", "--overwrite"), "out.parquet"),
-    "import": Command(_fbench("log", "import", "kitti", "../in/kitti", "-o", "out", "--overwrite"), "out"),
+    "import": Command(_fbench("log", "import", "kitti", "../in/kitti", "-o", "out", "--overwrite"), "out", True),
     "report": Command(_fbench("report", "../in/run", "-o", "out.html"), "out.html"),
-    "demo": Command(_demo, "out", keeps=True),
-    "bench": Command(_bench, "out", keeps=True),
+    "demo": Command(_demo, "out", True, replaces=False),
+    "bench": Command(_bench, "out", True, replaces=False),
 }
 
 

@@ -89,7 +89,7 @@ class Trial:
         half = {path for path, digest in found.items() if self.wanted[name].get(path) != digest}
         if half:
             self.say(name, number, f"not whole: {sorted(half)[:3]}")
-        if not command.keeps and found and found.keys() != self.wanted[name].keys():
+        if not command.has_parts and found and found.keys() != self.wanted[name].keys():
             self.say(name, number, f"half of it is there: {sorted(found)[:3]}")
         if was_there and not found and not list(place.glob(".*.old")):
             self.say(name, number, "what was there is gone")
@@ -97,7 +97,7 @@ class Trial:
 
 def kill(trial: Trial, name: str, number: int, random: Random) -> None:
     """Kill a command, alone or with all that it started, now and then in a namespace of its own."""
-    place, was_there = trial.empty(), bool(random.integers(2)) and not COMMANDS[name].keeps
+    place, was_there = trial.empty(), bool(random.integers(2)) and COMMANDS[name].replaces
     if was_there:
         run(COMMANDS[name], place).wait()
     is_contained = bool(random.integers(2)) and can_contain()
@@ -117,7 +117,7 @@ def kill(trial: Trial, name: str, number: int, random: Random) -> None:
 def disturb(trial: Trial, name: str, number: int, random: Random, how: Callable[[Path], object]) -> None:
     """Let a command run into what `how` does at some instant: one line, 3 or 4, and what was there stays."""
     place = trial.folder / "work"
-    was_there = bool(random.integers(2)) and not COMMANDS[name].keeps
+    was_there = bool(random.integers(2)) and COMMANDS[name].replaces
     if was_there:
         run(COMMANDS[name], place).wait()
     wait_s = float(random.choice([0, random.uniform(0, trial.taken_s[name])]))
@@ -220,6 +220,7 @@ def attempt(wanted: Mapping[str, int], names: list[str], seed: int = 0) -> tuple
                 name = turns[int(random.integers(len(turns)))]
                 trial.counts[name] += 1
                 HOW[how](trial, name, number, random)
+                sys.stderr.write(f"\r{how} {number + 1}")
             done[how] = {**dict(sorted(trial.counts.items())), "wrong": len(trial.wrong)}
         return done, trial.wrong
 
