@@ -53,6 +53,7 @@ class Trial:
                 assert code == 0, f"{name}: {code}: {self.stderr()}"
                 self.taken_s[name] = time.monotonic() - start
             self.wanted[name] = COMMANDS[name].digest(place)
+            shutil.copytree(place, self.folder / "kept" / name)
             assert self.wanted[name], name
 
     def empty(self) -> Path:
@@ -99,7 +100,7 @@ def kill(trial: Trial, name: str, number: int, random: Random) -> None:
     """Kill a command, alone or with all that it started, now and then in a namespace of its own."""
     place, was_there = trial.empty(), bool(random.integers(2)) and COMMANDS[name].replaces
     if was_there:
-        run(COMMANDS[name], place).wait()
+        shutil.copytree(trial.folder / "kept" / name, place, dirs_exist_ok=True)
     is_contained = bool(random.integers(2)) and can_contain()
     child = run(COMMANDS[name], place, is_contained)
     if child.ends_within(float(random.uniform(0, 1.05 * trial.taken_s[name]))):
@@ -121,7 +122,7 @@ def disturb(trial: Trial, name: str, number: int, random: Random, how: Callable[
     place = trial.folder / "work"
     was_there = bool(random.integers(2)) and COMMANDS[name].replaces
     if was_there:
-        run(COMMANDS[name], place).wait()
+        shutil.copytree(trial.folder / "kept" / name, place, dirs_exist_ok=True)
     wait_s = float(random.choice([0, random.uniform(0, trial.taken_s[name])]))
     if wait_s == 0:
         how(place)
