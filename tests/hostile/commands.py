@@ -20,8 +20,8 @@ from tests.datasets.kitti.conftest import write_tracking
 from tests.kept_cities import shared_cities
 
 from fbench.api.suite import run_suite
-from fbench.cli import main
-from fbench.cli.demo import run_experiment
+from fbench.cli import demo, main
+from fbench.replay.contracts.errors import EXIT_DATA, FbenchError
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
@@ -58,8 +58,9 @@ def _fbench(*args: str) -> Callable[[], None]:
     return call
 
 
-def _demo() -> int:
-    return run_experiment(small(Path("out"), "lidar3d", conditions=("clear",)), 1)
+def _demo() -> None:
+    demo.make_experiment = lambda *_: small(Path("out"), "lidar3d", conditions=("clear",))  # in this process alone
+    _fbench("demo", "-o", "out", "--workers", "1")()
 
 
 def _bench() -> int:
@@ -67,7 +68,11 @@ def _bench() -> int:
         ReplayRequest(LogRequest(Path("../in/a.mcap"), config=NO_CONFIG), name, out=Path("out") / name, overwrite=True)
         for name in ("lidar3d", "radar3d")
     ]
-    return max(0 if result.has_run else 3 for result in run_suite(cells, 1))
+    try:
+        return max(0 if result.has_run else 3 for result in run_suite(cells, 1))
+    except (FbenchError, OSError) as error:  # a function, which has no command
+        sys.stderr.write(f"fbench: {error}\n")
+        return getattr(error, "exit_code", EXIT_DATA)
 
 
 COMMANDS: Mapping[str, Command] = {
