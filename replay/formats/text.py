@@ -16,6 +16,7 @@ _MAX_LINES = 5_000_000
 MAX_FRAMES = 10_000_000  # Files that count more frames than this are refused
 _MAX_NS = 2**63 - 1
 _MAX_S = Decimal(_MAX_NS // 10**9 + 1)
+_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d+)?)?", re.ASCII)  # numpy takes more, and warns of some
 _ZONE = re.compile(r"([+-])(\d\d):?(\d\d)$", re.ASCII)
 _HASHED = 1 << 62  # From here on ids stand for texts
 
@@ -102,7 +103,7 @@ def stamp_of_time(text: str) -> int:
         if (zone := _ZONE.search(text.strip())) is not None:
             date = date[: zone.start()]
             ahead_ns = (60 * int(zone[2]) + int(zone[3])) * 60_000_000_000 * (-1 if zone[1] == "-" else 1)
-        if (stamp_ns := int(np.datetime64(date, "ns").astype(np.int64)) - ahead_ns) < 0:
+        if not _TIME.fullmatch(date) or (stamp_ns := int(np.datetime64(date, "ns").astype(np.int64)) - ahead_ns) < 0:
             raise ValueError(f"'{text[:40]}' is no stamp")
         return stamp_ns
     try:

@@ -183,7 +183,7 @@ def test_a_full_disk(tmp_path, form):
     limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (10**6, 10**6)); {MAIN}"
     command = [sys.executable, "-c", limited, *COMMAND[3:], "src", "-o", f"a.{form}"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert (result.returncode, result.stdout) == (2, "")
+    assert (result.returncode, result.stdout) == (3, "")
     assert result.stderr.startswith(f"fbench: a.{form}: can't be written (")
     assert result.stderr.endswith("File too large)\n")
     assert [path.name for path in tmp_path.iterdir()] == ["src"]

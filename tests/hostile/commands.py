@@ -20,8 +20,8 @@ from tests.datasets.kitti.conftest import write_tracking
 from tests.kept_cities import shared_cities
 
 from fbench.api.suite import run_suite
-from fbench.cli import main
-from fbench.cli.demo import run_experiment
+from fbench.cli import demo, main
+from fbench.replay.contracts.errors import EXIT_DATA, FbenchError
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
@@ -36,7 +36,8 @@ class Command:
 
     call: Callable[[], int | None]
     out: str
-    keeps: bool = False  # Whether it keeps what an earlier one finished, and goes on from there
+    has_parts: bool = False  # Whether each part of it is there as soon as it is finished
+    replaces: bool = True  # Whether it makes anew what is there, or goes on from it
 
     def digest(self, folder: Path) -> Mapping[str, str]:
         """Digests of what it wrote, measured times left out, by name."""
@@ -57,8 +58,9 @@ def _fbench(*args: str) -> Callable[[], None]:
     return call
 
 
-def _demo() -> int:
-    return run_experiment(small(Path("out"), "lidar3d", conditions=("clear",)), 1)
+def _demo() -> None:
+    demo.make_experiment = lambda *_: small(Path("out"), "lidar3d", conditions=("clear",))  # in this process alone
+    _fbench("demo", "-o", "out", "--workers", "1")()
 
 
 def _bench() -> int:
@@ -66,7 +68,11 @@ def _bench() -> int:
         ReplayRequest(LogRequest(Path("../in/a.mcap"), config=NO_CONFIG), name, out=Path("out") / name, overwrite=True)
         for name in ("lidar3d", "radar3d")
     ]
-    return max(0 if result.has_run else 3 for result in run_suite(cells, 1))
+    try:
+        return max(0 if result.has_run else 3 for result in run_suite(cells, 1))
+    except (FbenchError, OSError) as error:  # a function, which has no command
+        sys.stderr.write(f"fbench: {error}\n")
+        return getattr(error, "exit_code", EXIT_DATA)
 
 
 COMMANDS: Mapping[str, Command] = {
@@ -74,10 +80,10 @@ COMMANDS: Mapping[str, Command] = {
         _fbench("replay", "../in/a.mcap", "-p", "lidar3d", "--all-around", "-o", "out", "--overwrite"), "out"
     ),
     "convert": Command(_fbench("log", "convert", "../in/a.mcap", "-o", "out.parquet", "--overwrite"), "out.parquet"),
-    "import": Command(_fbench("log", "import", "kitti", "../in/kitti", "-o", "out", "--overwrite"), "out"),
+    "import": Command(_fbench("log", "import", "kitti", "../in/kitti", "-o", "out", "--overwrite"), "out", True),
     "report": Command(_fbench("report", "../in/run", "-o", "out.html"), "out.html"),
-    "demo": Command(_demo, "out", keeps=True),
-    "bench": Command(_bench, "out", keeps=True),
+    "demo": Command(_demo, "out", True, replaces=False),
+    "bench": Command(_bench, "out", True, replaces=False),
 }
 
 

@@ -1,12 +1,8 @@
 """Damage and edits of valid content, each from a seed: bytes, numbers, tokens of a text, fields of protobuf."""
 
 import re
-from collections.abc import Callable, Iterator
 
 import numpy as np
-
-from fbench.replay.conditions.generators import generator
-from fbench.replay.contracts.errors import FbenchError
 
 Random = np.random.Generator
 FOREIGN = (
@@ -29,12 +25,6 @@ EXTREMES = (
     2**64 - 1, 0x7F800000, 0x7FC00000, 0xFF800000, 0x7FF0000000000000, 0x7FF8000000000000, 0x7FEFFFFFFFFFFFFF,
 )  # fmt: skip
 """Lengths, counts, stamps, and numbers that aren't finite, as float32 and as float64."""
-
-
-def mutated(content: bytes, num: int, seed: int) -> Iterator[bytes]:
-    """Yield `num` damaged versions of a file."""
-    for i in range(num):
-        yield damage(content, generator(seed, "damage", i))
 
 
 def damage(content: bytes, random: Random) -> bytes:
@@ -154,12 +144,3 @@ def _read_varint(content: bytes, at: int) -> tuple[int, int]:
         if content[at - 1] < 0x80:
             return value, at
     raise IndexError
-
-
-def complaint(call: Callable[[], object]) -> str:
-    """Return how a call is refused, empty where it isn't; anything but fbench's own errors comes through."""
-    try:
-        call()
-    except FbenchError as error:
-        return str(error)
-    return ""

@@ -16,17 +16,17 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.hostile.commands import COMMANDS, Command, can_contain, prepare, run
 from tests.hostile.damage import Random
+from tests.hostile.run import INTERRUPTS, PAGE, TALLY, page, read_counts
 
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.files import replace_text
 
-COUNTS = Path(__file__).parent / "interrupts.json"
 _PACE = {"replay": 6, "convert": 5, "import": 5, "report": 5, "demo": 1, "bench": 1}  # How often each has its turn
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _DAC_OVERRIDE = 1  # The capability by which root writes where nobody may
@@ -53,6 +53,7 @@ class Trial:
                 assert code == 0, f"{name}: {code}: {self.stderr()}"
                 self.taken_s[name] = time.monotonic() - start
             self.wanted[name] = COMMANDS[name].digest(place)
+            shutil.copytree(place, self.folder / "kept" / name)
             assert self.wanted[name], name
 
     def empty(self) -> Path:
@@ -89,7 +90,7 @@ class Trial:
         half = {path for path, digest in found.items() if self.wanted[name].get(path) != digest}
         if half:
             self.say(name, number, f"not whole: {sorted(half)[:3]}")
-        if not command.keeps and found and found.keys() != self.wanted[name].keys():
+        if not command.has_parts and found and found.keys() != self.wanted[name].keys():
             self.say(name, number, f"half of it is there: {sorted(found)[:3]}")
         if was_there and not found and not list(place.glob(".*.old")):
             self.say(name, number, "what was there is gone")
@@ -97,17 +98,19 @@ class Trial:
 
 def kill(trial: Trial, name: str, number: int, random: Random) -> None:
     """Kill a command, alone or with all that it started, now and then in a namespace of its own."""
-    place, was_there = trial.empty(), bool(random.integers(2)) and not COMMANDS[name].keeps
+    place, was_there = trial.empty(), bool(random.integers(2)) and COMMANDS[name].replaces
     if was_there:
-        run(COMMANDS[name], place).wait()
+        shutil.copytree(trial.folder / "kept" / name, place, dirs_exist_ok=True)
     is_contained = bool(random.integers(2)) and can_contain()
     child = run(COMMANDS[name], place, is_contained)
     if child.ends_within(float(random.uniform(0, 1.05 * trial.taken_s[name]))):
-        trial.counts["finished before the kill"] += 1
-    elif bool(random.integers(2)) and not is_contained:
-        os.killpg(child.number, signal.SIGKILL)
+        trial.counts["finished before"] += 1
     else:
-        os.kill(child.command, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # it may end just now
+            if bool(random.integers(2)) and not is_contained:
+                os.killpg(child.number, signal.SIGKILL)
+            else:
+                os.kill(child.command, signal.SIGKILL)
     child.wait()
     trial.counts[f"{'in a namespace' if is_contained else 'plainly'} killed"] += 1
     trial.require_whole(name, number, place, was_there)
@@ -117,9 +120,9 @@ def kill(trial: Trial, name: str, number: int, random: Random) -> None:
 def disturb(trial: Trial, name: str, number: int, random: Random, how: Callable[[Path], object]) -> None:
     """Let a command run into what `how` does at some instant: one line, 3 or 4, and what was there stays."""
     place = trial.folder / "work"
-    was_there = bool(random.integers(2)) and not COMMANDS[name].keeps
+    was_there = bool(random.integers(2)) and COMMANDS[name].replaces
     if was_there:
-        run(COMMANDS[name], place).wait()
+        shutil.copytree(trial.folder / "kept" / name, place, dirs_exist_ok=True)
     wait_s = float(random.choice([0, random.uniform(0, trial.taken_s[name])]))
     if wait_s == 0:
         how(place)
@@ -205,9 +208,12 @@ def lock(trial: Trial, name: str, number: int, random: Random) -> None:
 HOW: Mapping[str, Callable[[Trial, str, int, Random], None]] = {"kills": kill, "full": fill, "locked": lock}
 
 
-def attempt(wanted: Mapping[str, int], names: list[str], seed: int = 0) -> tuple[dict[str, dict[str, int]], list[str]]:
-    """Interrupt commands so many times each way; returns what was done, and what was wrong."""
-    done: dict[str, dict[str, int]] = {}
+Done = dict[str, dict[str, int]]
+
+
+def attempt(wanted: Mapping[str, int], names: list[str], seed: int, keep: Callable[[Done], object]) -> Done:
+    """Interrupt commands so many times each way; returns counts, which `keep` is given after each time, too."""
+    done: Done = {}
     with tempfile.TemporaryDirectory() as folder:
         trial = Trial(Path(folder))
         prepare(trial.folder)
@@ -215,13 +221,15 @@ def attempt(wanted: Mapping[str, int], names: list[str], seed: int = 0) -> tuple
         turns = [name for name in names for _ in range(_PACE[name])]
         for how, num in wanted.items():
             trial.counts.clear()
+            trial.wrong.clear()
             for number in range(num):
                 random = generator(seed + number, "interrupt", how)
                 name = turns[int(random.integers(len(turns)))]
                 trial.counts[name] += 1
                 HOW[how](trial, name, number, random)
-            done[how] = {**dict(sorted(trial.counts.items())), "wrong": len(trial.wrong)}
-        return done, trial.wrong
+                done[how] = {**dict(sorted(trial.counts.items())), "wrong": len(trial.wrong)}
+                keep(done)
+        return done
 
 
 def main() -> int:
@@ -233,12 +241,18 @@ def main() -> int:
     parser.add_argument("--dry", action="store_true", help="don't keep the numbers")
     parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS))
     given = parser.parse_args()
-    done, wrong = attempt({how: getattr(given, how) for how in HOW if getattr(given, how)}, given.commands, given.seed)
+
+    def keep(done: Done) -> None:
+        if not given.dry:
+            kept = read_counts(INTERRUPTS)
+            replace_text(INTERRUPTS, json.dumps({**kept, **done}, indent=1, sort_keys=True) + "\n")
+
+    wanted = {how: getattr(given, how) for how in HOW if getattr(given, how)}
+    done = attempt(wanted, given.commands, given.seed, keep)
     if not given.dry:
-        kept = json.loads(COUNTS.read_text()) if COUNTS.exists() else {}
-        replace_text(COUNTS, json.dumps({**kept, **done}, indent=1, sort_keys=True) + "\n")
+        replace_text(PAGE, page(PAGE.read_text(), read_counts(TALLY), read_counts(INTERRUPTS)))
     sys.stdout.write(f"{json.dumps(done)}\n")
-    return int(bool(wrong))
+    return int(any(counts["wrong"] for counts in done.values()))
 
 
 if __name__ == "__main__":

@@ -23,8 +23,10 @@ from fbench.replay.data.files import replace_text
 
 ROOT = Path(__file__).resolve().parents[2]
 TALLY, PAGE = Path(__file__).parent / "tally.json", ROOT / "docs" / "faults.md"
+INTERRUPTS = TALLY.with_name("interrupts.json")  # What `tests.hostile.interrupt` keeps
+_COMMANDS = ("replay", "convert", "import", "report", "demo", "bench")
 BEGIN, END = "<!-- begin: what was tried -->\n", "<!-- end: what was tried -->\n"
-_BATCH = 400
+_BATCH = 1000
 _MAX_WAIT_S = 300  # Without a word from a worker; a case that takes so long is in code that no signal interrupts
 Tally = dict[str, dict[str, int]]
 
@@ -93,10 +95,35 @@ def table(tally: Mapping[str, Mapping[str, int]]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def page(text: str, tally: Mapping[str, Mapping[str, int]]) -> str:
-    """The page with the table of this tally."""
+INTERRUPTIONS = {
+    "kills": "killed at a random instant",
+    "full": "disk full, from the start or from a random instant on",
+    "locked": "no right to write in its folders, from the start or from a random instant on",
+}
+
+
+def interruption_table(counts: Mapping[str, Mapping[str, int]]) -> str:
+    """The rows of docs/faults.md on commands that were interrupted."""
+    lines = [
+        "| interruption | times | the command had finished before | something lost, half or unclear |",
+        "|---|---:|---:|---:|",
+    ]
+    for how, what in INTERRUPTIONS.items():
+        of = counts.get(how, {})
+        num = sum(n for name, n in of.items() if name in _COMMANDS)
+        lines.append(f"| {what} | {num} | {of.get('finished before', 0)} | {of.get('wrong', 0)} |")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def page(text: str, tally: Mapping[str, Mapping[str, int]], interruptions: Mapping[str, Mapping[str, int]]) -> str:
+    """The page with the tables of these counts."""
     before, _, rest = text.partition(BEGIN)
-    return f"{before}{BEGIN}\n{table(tally)}\n{END}{rest.partition(END)[2]}"
+    return f"{before}{BEGIN}\n{table(tally)}\n{interruption_table(interruptions)}\n{END}{rest.partition(END)[2]}"
+
+
+def read_counts(path: Path) -> dict[str, dict[str, int]]:
+    """What was kept; nothing where nothing was."""
+    return json.loads(path.read_text()) if path.exists() else {}
 
 
 def main() -> int:
@@ -107,7 +134,7 @@ def main() -> int:
     parser.add_argument("--kinds", nargs="+", default=list(TARGETS), choices=list(TARGETS))
     parser.add_argument("--again", action="store_true", help="forget what was tried, after a mend")
     given = parser.parse_args()
-    tally: Tally = json.loads(TALLY.read_text()) if TALLY.exists() else {}
+    tally: Tally = read_counts(TALLY)
     if given.again:
         tally = {kind: counts for kind, counts in tally.items() if kind not in given.kinds}
     end, known = time.monotonic() + 60 * given.minutes, set[str]()
@@ -129,7 +156,7 @@ def _next(tally: Tally, kinds: Sequence[str], most: int) -> str | None:
 def write(tally: Mapping[str, Any]) -> None:
     """Keep the tally, and bring the page up to date."""
     replace_text(TALLY, json.dumps(tally, indent=1, sort_keys=True) + "\n")
-    replace_text(PAGE, page(PAGE.read_text(), tally))
+    replace_text(PAGE, page(PAGE.read_text(), tally, read_counts(INTERRUPTS)))
 
 
 if __name__ == "__main__":

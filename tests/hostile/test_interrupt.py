@@ -17,4 +17,7 @@ def test_nothing_is_lost_and_nothing_half_passes_for_whole(how):
     command += ["--commands", "replay", "convert", "import", "report"]  # the others take minutes
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert json.loads(done.stdout.splitlines()[-1])[how]["wrong"] == 0
+    counts = json.loads(done.stdout.splitlines()[-1])[how]
+    assert counts["wrong"] == 0
+    if any(name.startswith("skipped") for name in counts):
+        pytest.skip("no file system may be mounted here")

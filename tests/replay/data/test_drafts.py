@@ -1,5 +1,6 @@
 """Drafts: one writer at a time, nothing half written under its own name, nothing lost by a kill."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -127,3 +128,19 @@ def test_a_link_in_the_place_of_a_draft_is_not_followed(tmp_path):
     with pytest.raises(ConfigError, match="symbolic"):
         Draft(tmp_path / "a")
     assert (tmp_path / "other").read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(errno.ENOTDIR, 2), (errno.ENOSPC, 3), (errno.EROFS, 3), (errno.EACCES, 3)]
+)
+def test_a_wrong_place_is_a_usage_error_and_a_full_disk_is_not(tmp_path, monkeypatch, number, code):
+    draft = Draft(tmp_path / "a")
+
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(ConfigError, match=rf"a: can't be written \({os.strerror(number)}\)$") as caught, draft:
+        draft.publish()
+    assert caught.value.exit_code == code
+    assert not list(tmp_path.iterdir())

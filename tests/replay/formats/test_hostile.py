@@ -1,4 +1,4 @@
-"""Files that are damaged, or written to do harm."""
+"""Files that are written to do harm; `tests/hostile` damages these, too."""
 
 import io
 import json
@@ -8,7 +8,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from tests.hostile.damage import complaint, mutated
 from tests.replay.formats.box_files import read
 from tests.replay.formats.test_kalibr import CAM
 from tests.replay.formats.test_urdf import ROBOT
@@ -53,15 +52,9 @@ VALID = {
 
 
 @pytest.mark.parametrize("name", VALID)
-def test_damaged_files_are_read_or_refused_in_one_line(tmp_path, name):
-    path = tmp_path / name
-    path.write_bytes(VALID[name])
-    assert read(path)
-    for content in mutated(VALID[name], 150, seed=4):
-        path.write_bytes(content)
-        told = complaint(lambda: read(path))
-        assert told.isprintable()
-        assert len(told) < 2000
+def test_what_the_fuzzing_edits_is_valid(tmp_path, name):
+    (tmp_path / name).write_bytes(VALID[name])
+    assert read(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["a.csv", "000000.txt", "a.json", "a.parquet"])
@@ -177,15 +170,9 @@ VALID_RIGS = {"a.toml": OWN, "a.urdf": ROBOT, "camchain.yaml": CAM.format(num=0)
 
 
 @pytest.mark.parametrize("name", VALID_RIGS)
-def test_damaged_rig_files_are_read_or_refused_in_one_line(tmp_path, name):
-    path = tmp_path / name
-    path.write_text(VALID_RIGS[name])
-    open_rig_file(path)
-    for content in mutated(VALID_RIGS[name].encode(), 200, seed=4):
-        path.write_bytes(content)
-        told = complaint(lambda: open_rig_file(path))
-        assert told.isprintable()
-        assert len(told) < 2000
+def test_the_rigs_that_the_fuzzing_edits_are_valid(tmp_path, name):
+    (tmp_path / name).write_text(VALID_RIGS[name])
+    open_rig_file(tmp_path / name)
 
 
 def test_keys_of_many_parts_are_refused_before_they_are_parsed(tmp_path):

@@ -418,3 +418,14 @@ def test_index_that_points_elsewhere_is_not_trusted(tmp_path, drive, field, valu
     found, faults = content(saved(tmp_path, bytes(data)))
     assert found == content(drive)[0]
     assert faults.counts["LOG003"] == 1
+
+
+def test_a_disk_that_is_full_from_the_start_leaves_nothing(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Writer, "add_metadata", refuse)
+    with pytest.raises(ConfigError, match=r"a\.mcap: can't be written \(No space left on device\)") as caught:
+        McapWriter(tmp_path / "a.mcap", b.INFO, b.NO_RIG)
+    assert caught.value.exit_code == 3
+    assert not list(tmp_path.iterdir())

@@ -53,8 +53,10 @@ class RawMcapWriter:
         try:
             self._writer.start(profile="", library="fbench")
             self._writer.add_metadata(header.NAME, header.header_record(about))
-        except ValueError as error:
+        except (ValueError, OSError) as error:
             self.discard()
+            if isinstance(error, OSError):
+                raise output_error(path, error) from error
             raise LogError(f"{path}: metadata can't be stored ({error})") from error
 
     @property
