@@ -93,6 +93,13 @@ def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
     return finite
 
 
+def check_faults(where: str, faults: Sequence[object]) -> None:
+    """Refuse what isn't a fault of the table. Raises DataError saying what."""
+    for fault in faults:
+        if not isinstance(fault, Fault) or fault.code not in FAULTS:
+            raise DataError(f"{where}: {fault!r} isn't a fault of the table")
+
+
 class OutputCheck:
     """Checks outputs of one run: their types, names that exist, and one kind of boxes throughout."""
 
@@ -118,9 +125,7 @@ class OutputCheck:
                 raise DataError(f"Output.stage_ns: expected names and times [ns], got {stage!r}: {ns!r}")
         if output.clock not in get_args(ClockName):
             raise DataError(f"Output.clock: expected {' or '.join(get_args(ClockName))}, got {output.clock!r}")
-        for fault in output.faults:
-            if not isinstance(fault, Fault) or fault.code not in FAULTS:
-                raise DataError(f"Output.faults: {fault!r} isn't a fault of the table")
+        check_faults("Output.faults", output.faults)
         return own_arrays(output)
 
     def _check_boxes(self, where: str, boxes: object) -> None:
