@@ -1,6 +1,6 @@
 """Fit the model that tells road users by LiDAR: writes `pipelines/sensors/lidar/road_users.json`, which fbench ships.
 
-Drives of development seeds are simulated with four LiDARs of 16 to 128 channels, which look one after the other. Each
+Drives of development seeds are simulated with LiDARs of 16 to 128 channels on the roof and on the hood or bumper. Each
 cluster is described by `features`, and is a road user where it holds most of what the LiDAR sees of one. The model is
 a multinomial logistic regression over piecewise linear functions of the features; the same inputs give the same file.
 It takes some minutes: `python benchmarks/fit_road_users.py [OUT.json]`.
@@ -39,8 +39,16 @@ LIDARS = {
                      upper_deg=10.0, lower_deg=-30.0, noise_m=0.02),
     "l64": LidarSpec(translation_m=(0.0, 0.0, 1.75), rate_hz=RATE_HZ, channels=64, points_per_s=128_000,
                      upper_deg=2.0, lower_deg=-24.8, noise_m=0.02),
+    "h16": LidarSpec(translation_m=(1.6, 0.0, 1.0), rate_hz=RATE_HZ, channels=16, points_per_s=57_600,
+                     upper_deg=15.0, lower_deg=-15.0, noise_m=0.02),
+    "h32": LidarSpec(translation_m=(1.6, 0.0, 1.0), rate_hz=RATE_HZ, channels=32, points_per_s=69_120,
+                     upper_deg=10.0, lower_deg=-30.0, noise_m=0.02),
+    "h64": LidarSpec(translation_m=(2.2, 0.0, 0.7), rate_hz=RATE_HZ, channels=64, points_per_s=128_000,
+                     upper_deg=2.0, lower_deg=-24.8, noise_m=0.02),
+    "h128": LidarSpec(translation_m=(1.9, 0.0, 0.8), rate_hz=RATE_HZ, channels=128, points_per_s=256_000,
+                      upper_deg=15.0, lower_deg=-25.0, noise_m=0.02),
 }  # fmt: skip
-"""The thesis's, and such as were mounted when Astyx, nuScenes and KITTI were recorded."""
+"""The thesis's, such as were mounted when Astyx, nuScenes and KITTI were recorded, and others mounted low."""
 LABELS = {"car": ("car",), "van": ("van",), "truck": ("truck", "bus", "trailer"), "motorcycle": ("motorcycle",),
           "bicycle": ("bicycle",), "pedestrian": ("pedestrian",)}  # fmt: skip
 """Classes of the model and the labels that belong to them."""

@@ -1,7 +1,7 @@
 """The course of a frame: detection where it is due, then tracking; prediction in between."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Generic, Protocol
@@ -100,6 +100,10 @@ class TrackingPipeline(ABC, Generic[B]):
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
         return self.weights
+
+    def warnings(self) -> Sequence[Fault]:
+        """Say what casts doubt on all results since the start; nothing by default."""
+        return ()
 
     def _remember(self, *parts: Memory) -> None:
         """Name the sensors and fusion that remember something of earlier frames of a segment."""

@@ -12,7 +12,7 @@ from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
-from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
+from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar
 from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, projectable
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.parallel import Branches
@@ -79,8 +79,6 @@ class FusionPipeline(TrackingPipeline[B]):
 class FusedImagesParams(AllSensorsParams):
     """What `early2d` and `late2d` have in common."""
 
-    lidar: LidarParams = field(default_factory=whole_vehicles)
-    """Points and ground; of `lidar.cluster` only max_height_m counts here."""
     radar: RadarParams = field(default_factory=far_radar)
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
     lidar_image: LidarImageParams = field(default_factory=LidarImageParams)  # Detection by LiDAR in images.
@@ -110,12 +108,15 @@ class FusedImages(FusionPipeline[Boxes2D]):
         cameras = projectable(self.name, rig, log_info)
         self._start_cameras(rig, log_info, settings)
         self._fusion = ImageFusion(rig, cameras, params.fusion)
-        points = LidarStage(rig, log_info, params.lidar, settings)
-        self._lidar = LidarInImages(rig, cameras, points, params.lidar_image)
+        self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings)
         echoes = RadarStage(rig, log_info, params.radar, settings)
         self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
-        self._remember(self._fusion, points)
+        self._remember(self._fusion, self._lidar)
         super().start(rig, log_info)
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where nearly all clusters of LiDAR were rejected."""
+        return self._lidar.warnings()
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         faults = list[Fault]()
@@ -227,6 +228,10 @@ class Late3D(FusionPipeline[Boxes3D]):
         self._fusion = LateFusion(resolve_weight(self._params.fusion, self._lidar.judge, bool(self._cameras.used)))
         self._remember(self._fusion, self._lidar)
         super().start(rig, log_info)
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where nearly all clusters of LiDAR were rejected."""
+        return self._lidar.warnings()
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         faults = list[Fault]()

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.sensors.image.params import LidarImageParams, whole_vehicles
+from fbench.pipelines.sensors.image.params import LidarImageParams
 from fbench.pipelines.sensors.image.stage import LidarInImages, drop_labels, projectable
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.points.merged import report_boxes, require
@@ -12,7 +12,7 @@ from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
-from fbench.replay.data.frames import Frame
+from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
 
@@ -34,8 +34,6 @@ class LidarAloneParams(CheckedParams):
 class Lidar2DParams(LidarAloneParams):
     """Parameters of `lidar2d`."""
 
-    lidar: LidarParams = field(default_factory=whole_vehicles)
-    """Points and ground; of `lidar.cluster` only max_height_m counts here."""
     min_score: float = in_range(0.4, 0, 1)  # Clusters that look less like a vehicle than this are dropped.
     lidar_image: LidarImageParams = field(default_factory=LidarImageParams)  # Detection in images.
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
@@ -61,10 +59,14 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
         """Take all LiDARs, and cameras with a projection. Raises LogError where either is missing."""
         require("lidar2d", ("lidar",), rig, log_info)
         cameras = projectable("lidar2d", rig, log_info)
-        points = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
-        self._lidar = LidarInImages(rig, cameras, points, self._params.lidar_image)
-        self._remember(points)
+        params, settings = self._params, SensorSettings(self._params, rig)
+        self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings)
+        self._remember(self._lidar)
         super().start(rig, log_info)
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where nearly all clusters were rejected."""
+        return self._lidar.warnings()
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         return Detected(drop_labels(self._lidar.view(frame, clock).seen, self._params.min_score))
@@ -85,6 +87,10 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
         self._lidar = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
         self._remember(self._lidar)
         super().start(rig, log_info)
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where nearly all clusters were rejected."""
+        return self._lidar.warnings()
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         boxes = self._lidar.view(frame, clock).boxes

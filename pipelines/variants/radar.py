@@ -12,7 +12,7 @@ from fbench.pipelines.tracking.trackers import Tracker2D, Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
-from fbench.replay.data.frames import Frame
+from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
 
@@ -64,6 +64,10 @@ class Radar2D(TrackingPipeline[Boxes2D]):
         echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))
         self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
         super().start(rig, log_info)
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where echoes were too few to outline anything."""
+        return self._radar.warnings()
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         return Detected(drop_labels(self._radar.view(frame, clock).seen, self._params.min_score))

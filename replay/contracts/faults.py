@@ -82,6 +82,8 @@ FAULTS: dict[str, FaultKind] = {
     "PRD002": FaultKind("count", "pipeline failed on a frame"),
     "PRD003": FaultKind("degrade", "recorded result that belongs to no frame"),
     "PRD004": FaultKind("degrade", "recorded result was there before its frame, so it has no latency"),
+    "PRD005": FaultKind("degrade", "nearly all car-sized LiDAR clusters were rejected"),
+    "PRD006": FaultKind("degrade", "radar whose echoes are too few to outline objects in images"),
 }  # Codes follow the fault matrix of docs/faults.md
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import ClassVar, Protocol, runtime_checkable
 
 from fbench.replay.contracts.importing import Imported, ImportRequest
-from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.frames import Fault, Frame, Output
 from fbench.replay.data.messages import Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.data.scores import Score, ScoreOptions
@@ -169,6 +169,14 @@ class Tracks(Protocol):
     @property
     def is_tracker(self) -> bool | None:
         """Whether it tracks, also where it has followed nothing. `None`: the outputs tell."""
+
+
+@runtime_checkable
+class GivesWarnings(Protocol):
+    """A pipeline that can say what casts doubt on all of its results."""
+
+    def warnings(self) -> Sequence[Fault]:
+        """Warnings with codes of the fault table that only flag; asked once, when all frames were run."""
 
 
 @runtime_checkable

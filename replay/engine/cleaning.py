@@ -113,6 +113,13 @@ def _short(value: object) -> str:
     return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]} ..."
 
 
+def check_faults(where: str, faults: Sequence[object]) -> None:
+    """Refuse what isn't a fault of the table. Raises DataError saying what."""
+    for fault in faults:
+        if not isinstance(fault, Fault) or fault.code not in FAULTS:
+            raise DataError(f"{where}: {_short(fault)} isn't a fault of the table")
+
+
 class OutputCheck:
     """Checks outputs of one run: their types, names that exist, and one kind of boxes throughout."""
 
@@ -138,9 +145,7 @@ class OutputCheck:
                 raise DataError(f"Output.stage_ns: expected names and times [ns], got {_short(stage)}: {_short(ns)}")
         if output.clock not in get_args(ClockName):
             raise DataError(f"Output.clock: expected {' or '.join(get_args(ClockName))}, got {_short(output.clock)}")
-        for fault in output.faults:
-            if not isinstance(fault, Fault) or fault.code not in FAULTS:
-                raise DataError(f"Output.faults: {_short(fault)} isn't a fault of the table")
+        check_faults("Output.faults", output.faults)
         return own_arrays(output)
 
     def _check_boxes(self, where: str, boxes: object) -> None:

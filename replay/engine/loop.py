@@ -16,13 +16,13 @@ from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.errors import INTERRUPTS, LogError, MissingPackageError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guard
-from fbench.replay.contracts.protocols import NeedsSensors, Pipeline, Reader, TellsIdentity, Tracks
+from fbench.replay.contracts.protocols import GivesWarnings, NeedsSensors, Pipeline, Reader, TellsIdentity, Tracks
 from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import format_count
 from fbench.replay.engine.absence import LEAST_FRAMES, Absence, Absences, Shortage, find_shortage, require_any
-from fbench.replay.engine.cleaning import OutputCheck
+from fbench.replay.engine.cleaning import OutputCheck, check_faults
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import NOT_THERE, SyncParams
@@ -240,6 +240,12 @@ class _Loop:
         self._absences = Absences(self.stream.buffer, self.stream.sync)
         self._writer.explain_missing(self._explain)
         self._count_shortages()
+        if isinstance(self._plan.pipeline, GivesWarnings):
+            with guard(f"pipeline '{self._plan.name}' can't give its warnings"):
+                warnings = tuple(self._plan.pipeline.warnings())
+                check_faults("warnings()", warnings)
+            for warning in warnings:
+                self._faults.add(warning.code, warning.where)
         rows = self._faults.rows()
         if self._plan.redact:
             self._writer.explain_missing(redact_record)

@@ -319,6 +319,9 @@ ELSEWHERE = {
     "PRD001": "tests/replay/engine/test_run.py::test_non_finite_boxes_and_reported_faults_are_counted",
     "PRD002": "tests/replay/engine/test_run.py::test_failing_frame_is_counted_and_the_rest_goes_on",
     "PRD003": "tests/pipelines/variants/test_recorded.py::test_results_that_no_frame_takes_are_counted",
+    "PRD005": "tests/pipelines/variants/test_lidar3d.py::test_a_judge_that_rejects_nearly_all_cars_is_flagged",
+    "PRD006": "tests/pipelines/variants/test_images2d.py::"
+    "test_a_sparse_radar_sees_the_car_and_that_it_approaches_the_own_one",
     "PRD004": "tests/pipelines/variants/test_recorded.py::test_results_before_their_frame_have_no_latency",
 }
 

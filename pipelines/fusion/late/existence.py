@@ -4,13 +4,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.fusion import reliability
 from fbench.pipelines.fusion.kernels import nearest_by_bearing, occlusion_shares
 from fbench.pipelines.fusion.late.association import Association
 from fbench.pipelines.fusion.late.place import Observations
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, Clusters, outline_overlaps
-from fbench.pipelines.fusion.reliability import AgreementParams, SensorReliability, saturate
-from fbench.pipelines.sensors.odds import log_odds
+from fbench.pipelines.fusion.reliability import AgreementParams, SensorReliability, saturate, sureness
+from fbench.pipelines.sensors.odds import log_odds, probability_of
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
@@ -107,7 +106,7 @@ def probabilities(evidence: Evidence, sensors: SensorReliability, params: Fusion
         witnesses.append(_lidar_witness(evidence, obstacles, params))
     if len(seen.radar.all_xyz) + len(seen.radar.boxes):
         witnesses.append(_radar_witness(evidence, obstacles, params))
-    sure = reliability.sureness(_probabilities(evidence, witnesses, sensors, params))
+    sure = sureness(_probabilities(evidence, witnesses, sensors, params))
     for w in witnesses:
         sensors.learn(w.name, evidence.distance_m, sure * w.could, w.seen)
     return _probabilities(evidence, witnesses, sensors, params)
@@ -150,12 +149,12 @@ def _probabilities(
         else:
             odds += added
     if not seen_by:
-        return reliability.probability_of(odds)
+        return probability_of(odds)
     # Cameras see much the same picture: the surest that sees an object counts, and where none does the surest that
     # should.
     seen, added = np.array(seen_by), np.array(added_by)
     best = np.where(seen, added, -np.inf).max(axis=0)
-    return reliability.probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
+    return probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
 
 
 def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: FusionParams) -> Witness:

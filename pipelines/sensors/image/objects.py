@@ -206,7 +206,7 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarI
     """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters. What moves is clustered
     apart from what stands still. The order of points doesn't matter.
     """
-    points = _project(rig, camera, cloud, params.cluster)
+    points = _cluster(rig, camera, cloud, params.cluster)
     member = points.cluster >= 0
     if not member.any() or cloud.plane is None:
         none, places = np.zeros(0), np.zeros((0, 3))
@@ -229,17 +229,20 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarI
     return points, found
 
 
-def _project(rig: Rig, camera: str, cloud: Cloud, params: ImageClusterParams) -> Points:
-    model = rig.cameras[camera]
+def project(rig: Rig, camera: str, cloud: Cloud, cluster: Int64) -> Points:
+    """Points of a cloud (N) with their clusters (N,), -1 for none, that a camera sees or that lie a little beside."""
     uv, depth = project_body(rig, camera, cloud.xyz)
-    size = np.array(model.size_wh, np.float64)
+    size = np.array(rig.cameras[camera].size_wh, np.float64)
     low, high = -_BESIDE * size, (1 + _BESIDE) * size
     u, v = uv.T
     seen = np.flatnonzero((u > low[0]) & (u < high[0]) & (v > low[1]) & (v < high[1]))  # NaN isn't
-    cloud, uv, depth = cloud[seen], uv.take(seen, axis=0), depth.take(seen)
-    cluster, scaled = np.full(len(uv), -1), uv / focal_scale(model)
-    for part in (cloud.moves, ~cloud.moves):
-        found = image.cluster_in_image(scaled[part], depth[part], params)
+    return Points(uv.take(seen, axis=0), depth.take(seen), cluster.take(seen), cloud[seen])
+
+
+def _cluster(rig: Rig, camera: str, cloud: Cloud, params: ImageClusterParams) -> Points:
+    points = project(rig, camera, cloud, np.full(len(cloud.xyz), -1))
+    cluster, scaled = points.cluster, points.uv_px / focal_scale(rig.cameras[camera])
+    for part in (points.cloud.moves, ~points.cloud.moves):
+        found = image.cluster_in_image(scaled[part], points.depth_m[part], params)
         cluster[part] = np.where(found < 0, -1, found + cluster.max(initial=-1) + 1)
-    order = np.argsort(cluster, kind="stable")
-    return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud[order])
+    return points[np.argsort(cluster, kind="stable")]

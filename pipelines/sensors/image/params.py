@@ -1,16 +1,19 @@
 """Parameters of objects that LiDAR and radar see in images, and clusters of points there."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.sensors.lidar.stage import LidarClusterParams, LidarParams
+from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, in_range, require_between
 from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.metadata import SIMULATED
+from fbench.replay.data.rig import LogInfo
 
 
 @dataclass(frozen=True)
@@ -82,8 +85,14 @@ _RADAR_SHAPE = ShapeParams(
 class LidarImageParams(CheckedParams, prefix="lidar_image"):
     """How LiDAR points become boxes in images. Pixels are those of a camera with a focal length of 400 px."""
 
-    cluster: ImageClusterParams = _CLUSTERS  # How points are grouped.
-    shape: ShapeParams = field(default_factory=ShapeParams)  # What a group must look like.
+    grouping: Literal["image", "space"] | None = None
+    """Where points are grouped: `image`, over u, v and depth, or `space`, as `lidar3d` does, whose vehicles are then
+    projected; none: in the image in simulated logs, else in space. A few beams outline less than a vehicle.
+    """
+    max_height_m: float = in_range(4.5, 0.1, 100)
+    """Points higher above the ground [m] are left out where they are grouped in the image."""
+    cluster: ImageClusterParams = _CLUSTERS  # How points are grouped in the image.
+    shape: ShapeParams = field(default_factory=ShapeParams)  # What a group in the image must look like.
     margin_px: float = in_range(3.0, 0, 1000)
     """By so much outlines are wider than their points on each side [px]: half of the spacing of beams."""
 
@@ -96,7 +105,7 @@ class RadarImageParams(CheckedParams, prefix="radar_image"):
     """How echoes are grouped; those that move apart from those that stand still."""
     ground: GroundParams = _RADAR_GROUND  # How the ground is found.
     max_height_m: float = in_range(4.5, 0.1, 100)  # Echoes higher above the ground [m] are left out.
-    min_echoes: int = in_range(1000, 0, 1e9)
+    min_echoes: int = in_range(5000, 0, 1e9)
     """With fewer echoes in a frame nothing tells where the ground is, nor what shape things have: clusters are found
     as in `radar3d`, completed to vehicles and projected."""
     shape: ShapeParams = _RADAR_SHAPE
@@ -104,9 +113,14 @@ class RadarImageParams(CheckedParams, prefix="radar_image"):
     margin_px: float = in_range(2.5, 0, 1000)  # By so much outlines are wider than their echoes on each side [px].
 
 
-def whole_vehicles() -> LidarParams:
-    """Parameters of a LiDAR whose points are kept up to the height of trucks."""
-    return LidarParams(cluster=LidarClusterParams(max_height_m=4.5))
+def resolve_grouping(
+    lidar: LidarParams, image: LidarImageParams, log_info: LogInfo
+) -> tuple[LidarParams, LidarImageParams]:
+    """Return parameters that say where the points of this log are grouped, and keep those that are needed there."""
+    where = image.grouping or ("image" if SIMULATED in log_info.metadata else "space")
+    if where == "image":
+        lidar = replace(lidar, cluster=replace(lidar.cluster, max_height_m=image.max_height_m))
+    return lidar, replace(image, grouping=where)
 
 
 def far_radar() -> RadarParams:

@@ -7,9 +7,9 @@ import numpy as np
 
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.image.objects import Cloud, Points, Spots, of_lidar, of_radar, spots
-from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.image.objects import Cloud, Points, Spots, of_lidar, of_radar, project, spots
+from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, resolve_grouping
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, LidarView, Obstacles
 from fbench.pipelines.sensors.odds import log_odds
 from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.points.merged import viewpoint
@@ -18,9 +18,10 @@ from fbench.pipelines.sensors.radar.stage import Compensated, RadarParams, Radar
 from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.params import StageClock
+from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
-from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source, concatenate
-from fbench.replay.data.frames import Frame
+from fbench.replay.data.boxes import VEHICLES, Boxes2D, Boxes3D, Source, concatenate
+from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import CameraModel, LogInfo, Rig
 from fbench.replay.geometry.camera import in_image, not_projectable, project_body, project_boxes
 from fbench.replay.geometry.iou import corners
@@ -113,7 +114,7 @@ def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: S
     depth = np.maximum(depths.min(axis=1, initial=np.inf), 0.5) if num else np.zeros(0)
     label = np.where(boxes.size_lwh_m[:, 0] > LONG_M, "truck", "car") if boxes.label is None else boxes.label
     known = {"distance_m": np.sqrt((boxes.center_m**2).sum(axis=1)), "rate_mps": rate_mps[rows]}
-    known["upright"] = np.full(num, source != Source.R)
+    known |= {"upright": np.full(num, source != Source.R), "spot": rows}
     return ImageObservations.of(source, outline[rows], score[rows], label, depth, _compute_std(depth), **known)
 
 
@@ -223,21 +224,51 @@ class InImages:
 
 
 class LidarInImages:
-    """Clusters of LiDAR points in images."""
+    """Clusters of LiDAR points in images, or in space, projected."""
 
-    def __init__(self, rig: Rig, cameras: tuple[str, ...], stage: LidarStage, params: LidarImageParams) -> None:
-        self._rig, self._cameras, self._stage, self._params = rig, cameras, stage, params
+    def __init__(
+        self, rig: Rig, log_info: LogInfo, cameras: tuple[str, ...], lidar: LidarParams, image: LidarImageParams,
+        settings: SensorSettings,
+    ) -> None:  # fmt: skip
+        lidar, self._params = resolve_grouping(lidar, image, log_info)
+        self._rig, self._cameras, self._stage = rig, cameras, LidarStage(rig, log_info, lidar, settings)
         self._viewpoint = viewpoint(rig, "lidar")
+
+    def reset(self) -> None:
+        """Forget how the ground lies, and how the body moves."""
+        self._stage.reset()
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where nearly all clusters in space were rejected."""
+        return self._stage.warnings()
 
     def view(self, frame: Frame, clock: StageClock) -> InImages:
         """Detect in the points of one frame."""
         xyz = self._stage.points(frame, clock)
         if xyz is None:
             return InImages()
-        cloud = of_lidar(self._stage.obstacles(xyz, clock), self._viewpoint)
+        obstacles = self._stage.obstacles(xyz, clock)
         with clock.stage("detect.lidar"):
-            found = _find_spots(self._rig, self._cameras, cloud, Source.L, self._params)
+            if self._params.grouping == "space":
+                found = self._project(self._stage.detect(obstacles))
+            else:
+                cloud = of_lidar(obstacles, self._viewpoint)
+                found = _find_spots(self._rig, self._cameras, cloud, Source.L, self._params)
             return replace(found, rays={name: Rays.of(self._rig, name, xyz) for name in self._cameras})
+
+    def _project(self, view: LidarView) -> InImages:
+        """Project boxes of vehicles, and all points over the ground."""
+        boxes, height = view.boxes, np.zeros(len(view.xyz))
+        if boxes.label is not None and boxes.score is not None:
+            boxes = replace(boxes, score=np.where(np.isin(boxes.label, VEHICLES), boxes.score, 0.0))
+        if view.plane is not None:
+            height = view.xyz[:, 2] - view.plane.z_m(view.xyz)
+        points = Obstacles(view.plane, view.xyz, height, np.zeros((0, 3)))
+        cloud, unknown = of_lidar(points, self._viewpoint), np.full(len(boxes), np.nan)
+        return InImages(
+            {name: by_boxes(self._rig, name, boxes, unknown, Source.L) for name in self._cameras},
+            {name: project(self._rig, name, cloud, view.cluster) for name in self._cameras},
+        )
 
 
 class RadarInImages:
@@ -248,6 +279,17 @@ class RadarInImages:
     ) -> None:
         self._rig, self._cameras, self._stage, self._radar, self._image = rig, cameras, stage, params, image
         self._viewpoint = viewpoint(rig, "radar")
+        self._num = self._num_sparse = 0
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where most frames since the start had too few echoes."""
+        if 2 * self._num_sparse <= self._num:
+            return ()
+        text = (
+            f"radar: fewer than {self._image.min_echoes} echoes in {self._num_sparse} of {self._num} frames "
+            "(radar_image.min_echoes); radar3d shows what it finds in space"
+        )
+        return (Fault("PRD006", text),)
 
     def view(self, frame: Frame, clock: StageClock) -> InImages:
         """Detect in the echoes of one frame."""
@@ -257,8 +299,10 @@ class RadarInImages:
         with clock.stage("preprocess"):
             cloud = of_radar(echoes, self._viewpoint, self._radar.min_speed_mps, self._image)
         with clock.stage("detect.radar"):
+            self._num += 1
             if cloud.plane is not None:
                 return _find_spots(self._rig, self._cameras, cloud, Source.R, self._image)
+            self._num_sparse += 1
             view = radar.detect(echoes, self._radar)
             rate = relative_rates(view, echoes)
             return InImages({name: by_boxes(self._rig, name, view.boxes, rate, Source.R) for name in self._cameras})

@@ -15,7 +15,7 @@ from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.data.frames import Frame
+from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo, Rig
 
@@ -232,6 +232,53 @@ def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> 
     return end
 
 
+_LARGE_M = ((1.3, 6.0), (0.5, 2.6), (0.9, 2.3))  # Length, width and top of what is as large as a car [m], from and to
+_LOW_M = 0.8  # It begins at most so high above the ground [m]
+_LEAST_POINTS, _LEAST_CLUSTERS = 30, 20  # Fewer say nothing
+_ACCEPTED, _LEAST_ACCEPTED = 0.5, 0.1
+"""Clusters with this score are accepted. Of those as large as a car a tenth at least is: on real recordings 14% and
+more, whoever judges."""
+
+
+class RejectedClusters:
+    """Counts clusters as large as a car, with enough points to tell, and those of them that are taken for none."""
+
+    def __init__(self) -> None:
+        self._num = self._num_rejected = 0
+
+    def count(self, view: LidarView) -> None:
+        """Take in the clusters of one frame."""
+        if view.plane is None or view.boxes.score is None or not len(view.boxes):
+            return
+        first = np.searchsorted(view.cluster, np.arange(len(view.boxes) + 1))
+        num, begin, points = np.diff(first), first[:-1] - first[0], view.xyz[first[0] :]
+        yaw = np.repeat(view.boxes.yaw_rad, num)
+        along = points[:, 0] * np.cos(yaw) + points[:, 1] * np.sin(yaw)
+        across = points[:, 1] * np.cos(yaw) - points[:, 0] * np.sin(yaw)
+        height = points[:, 2] - view.plane.z_m(points)
+        low, high = (
+            np.stack([reduce.reduceat(values, begin) for values in (along, across, height)])
+            for reduce in (np.minimum, np.maximum)
+        )
+        extent = np.sort(high[:2] - low[:2], axis=0)[::-1]
+        is_large = (num >= _LEAST_POINTS) & (low[2] < _LOW_M)
+        for values, (least, most) in zip((*extent, high[2]), _LARGE_M, strict=True):
+            is_large &= (values > least) & (values < most)
+        self._num += int(np.count_nonzero(is_large))
+        self._num_rejected += int(np.count_nonzero(is_large & (view.boxes.score < _ACCEPTED)))
+
+    def warnings(self, judge: str | None) -> tuple[Fault, ...]:
+        """One where nearly all were rejected."""
+        accepted = self._num - self._num_rejected
+        if self._num < _LEAST_CLUSTERS or accepted >= _LEAST_ACCEPTED * self._num:
+            return ()
+        text = (
+            f"lidar: {self._num_rejected} of {self._num} car-sized clusters of at least {_LEAST_POINTS} points "
+            f"were rejected; if they are vehicles, try --set lidar.judge={'both' if judge == 'model' else 'model'}"
+        )
+        return (Fault("PRD005", text),)
+
+
 class LidarStage:
     """Remembers how the ground lies, for frames in which no LiDAR tells, and how the body moves."""
 
@@ -243,7 +290,7 @@ class LidarStage:
         self._ranges_m = {name: (p.min_range_m, p.max_range_m or np.inf) for name, p in own.items()}
         self._own = Outline(params.ego_front_m, params.ego_rear_m, params.ego_side_m)
         self._deskew = Deskew(log_info) if params.deskew else None
-        self._viewpoint = viewpoint(rig, "lidar")
+        self._viewpoint, self._rejected = viewpoint(rig, "lidar"), RejectedClusters()
         self.reset()
 
     def reset(self) -> None:
@@ -259,8 +306,17 @@ class LidarStage:
             return LidarView(self._plane, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
         found = self.obstacles(points, clock)
         with clock.stage("detect.lidar"):
-            seen = detect(found, self._viewpoint, self._params)
-            return replace(complete_trucks(seen, self._viewpoint), plane=self._plane)
+            return self.detect(found)
+
+    def detect(self, found: Obstacles) -> LidarView:
+        """Detect in obstacles as `obstacles` gives them."""
+        view = complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint)
+        self._rejected.count(view)
+        return replace(view, plane=self._plane)
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where nearly all clusters since the start of the rig were rejected."""
+        return self._rejected.warnings(self.judge)
 
     def points(self, frame: Frame, clock: StageClock) -> Float64 | None:
         """Points (N, 3) [m] of all LiDARs but on the own vehicle, see `lidar_points`; `None` without any LiDAR."""

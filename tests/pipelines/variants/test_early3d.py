@@ -116,7 +116,9 @@ def test_a_turn_of_the_world_turns_the_result(angle_rad: float):
     (x, y), z = before.center_m[0, :2], before.center_m[0, 2]
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     assert after.center_m[0] == pytest.approx([x * cos - y * sin, x * sin + y * cos, z], abs=0.3)
-    assert after.score == pytest.approx(before.score, abs=0.2)
+    assert after.score == pytest.approx(
+        before.score, abs=0.25
+    )  # headings of rectangles are tried in steps of 2 degrees
 
 
 @pytest.mark.parametrize("num", [0, 1, 2000])

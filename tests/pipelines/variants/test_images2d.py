@@ -4,21 +4,25 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.sensors.image.params import LidarImageParams
 from fbench.pipelines.variants.early_late import Early2D, FusedImagesParams, Late2D
 from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams
 from fbench.pipelines.variants.radar import Radar2D, Radar2DParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.messages import PointCloud, RadarScan
+from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import CameraModel, LogInfo, Rig
 
 LOG = LogInfo("drive", "id")
+SIMULATED_LOG = LogInfo("drive", "id", {SIMULATED: "1"})
 ALL = "cam", "lidar", "radar"
 FUSIONS: dict[str, Callable[[Path], Early2D | Late2D]] = {
     "early2d": lambda weights: Early2D(FusedImagesParams(camera=CameraParams(weights=weights))),
@@ -39,12 +43,24 @@ def cars(boxes: object) -> Boxes2D:
     return boxes[boxes.label == "car"]
 
 
-def test_a_lidar_sees_the_car_in_the_image():
-    pipeline = Lidar2D()
-    pipeline.start(rig("cam", "lidar"), LOG)
+@pytest.mark.parametrize(
+    ("log", "grouping", "xyxy_px"),
+    [
+        # Its back is 20 m ahead, 1.8 m wide, with points up to 1.2 m over ground, 1.6 m below the camera.
+        (SIMULATED_LOG, None, [3.3, 25.6, 55.8, 59.5]),
+        (LOG, "image", [3.3, 25.6, 55.8, 59.5]),
+        # Completed to a car 1.6 m high: at 500 px of focal length 45 px wide and 40 px high, whatever its points show.
+        (LOG, None, [7.0, 19.5, 52.0, 59.5]),
+        (SIMULATED_LOG, "space", [7.0, 19.5, 52.0, 59.5]),
+    ],
+)
+def test_a_lidar_sees_the_car_in_the_image(
+    log: LogInfo, grouping: Literal["image", "space"] | None, xyxy_px: list[float]
+):
+    pipeline = Lidar2D(Lidar2DParams(lidar_image=LidarImageParams(grouping=grouping)))
+    pipeline.start(rig("cam", "lidar"), log)
     output = pipeline.step(frame(0, cloud()))
-    # Its back is 20 m ahead, 1.8 m wide, with points up to 1.2 m over ground, 1.6 m below the camera.
-    assert output.detections.xyxy_px[0] == pytest.approx([3.3, 25.6, 55.8, 59.5], abs=1.0)
+    assert output.detections.xyxy_px[0] == pytest.approx(xyxy_px, abs=1.0)
     assert output.detections.distance_m[0] == pytest.approx(22.1, abs=0.1)
     assert output.detections.sources.tolist() == [2]
     assert output.detections.label is None
@@ -58,6 +74,8 @@ def test_a_sparse_radar_sees_the_car_and_that_it_approaches_the_own_one():
     assert output.detections.range_rate_mps.tolist() == pytest.approx([3.0 - 8.0], abs=0.1)  # own 8 m/s, car 3 m/s
     assert output.detections.distance_m[0] == pytest.approx(21.5, abs=0.6)
     assert output.detections.sources.tolist() == [4]
+    (warning,) = pipeline.warnings()
+    assert (warning.code, "in 1 of 1 frames" in warning.where) == ("PRD006", True)
 
 
 def test_three_sensors_see_one_car(fusion: Early2D | Late2D):

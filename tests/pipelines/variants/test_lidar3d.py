@@ -3,6 +3,7 @@ import pytest
 from tests.pipelines.frames import assert_equal, cloud, fields, frame, rig, scan
 from tests.pipelines.scenes import car_back, road
 
+from fbench.pipelines.sensors.lidar.classification import CarShapeParams
 from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.contracts.errors import LogError
@@ -52,6 +53,27 @@ def test_order_of_points_changes_nothing(pipeline: Lidar3D):
     pipeline.reset("again")
     second = pipeline.step(frame(0, cloud(np.random.default_rng(1))))
     assert_equal(first.detections, second.detections)
+
+
+@pytest.mark.parametrize(
+    ("shape", "num", "advice"),
+    [
+        (CarShapeParams(bottom_m=(0.0, 0.01)), 20, "20 of 20 car-sized clusters of at least 30 points were rejected"),
+        (CarShapeParams(bottom_m=(0.0, 0.01)), 19, None),  # too few to say anything
+        (CarShapeParams(), 20, None),
+    ],
+)
+def test_a_judge_that_rejects_nearly_all_cars_is_flagged(shape: CarShapeParams, num: int, advice: str | None):
+    pipeline = Lidar3D(Lidar3DParams(lidar=LidarParams(judge="rules", shape=shape)))
+    pipeline.start(rig("lidar"), LOG)
+    side = car_back(-4.0, 22.0, width_m=4.0)[:, [1, 0, 2]]  # 4 m long, on the right of the vehicle
+    xyz = np.concatenate([road(), car_back(20.0, -4.9), side]).astype(np.float32)
+    for index in range(num):
+        pipeline.step(frame(index, PointCloud("lidar", 0, 0, xyz)))
+        pipeline.reset("segments don't matter")
+    found = [(fault.code, fault.where) for fault in pipeline.warnings()]
+    whole = f"lidar: {advice}; if they are vehicles, try --set lidar.judge=model"
+    assert found == ([] if advice is None else [("PRD005", whole)])
 
 
 def test_parameters_reach_their_stage():

@@ -8,8 +8,9 @@ import pytest
 from tests.replay.engine.test_run import play
 from tests.replay.fakes import MS, Echo, FakeLog, cloud, scan
 
-from fbench.replay.contracts.errors import RunError
+from fbench.replay.contracts.errors import DataError, RunError
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
+from fbench.replay.data.frames import Fault
 from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.engine.excerpt import make_excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
@@ -25,6 +26,27 @@ class Needing(Echo):
 
     def required_sensors(self):
         return self.required
+
+
+class Doubting(Echo):
+    """Warns at the end."""
+
+    def __init__(self, *faults):
+        super().__init__()
+        self.faults = faults
+
+    def warnings(self):
+        return self.faults
+
+
+def test_warnings_of_a_pipeline_are_flagged_once_and_lose_nothing(tmp_path):
+    faults = FaultLog()
+    run = play(log([]), tmp_path / "run", Doubting(Fault("PRD005", "lidar: 9 of 9")), faults)
+    rows = {row["code"]: row for row in json.loads((run.folder / "faults.json").read_text())["rows"]}
+    assert (rows["PRD005"]["count"], rows["PRD005"]["places"]) == (1, ["lidar: 9 of 9"])
+    assert run.manifest.complete
+    with pytest.raises(DataError, match="isn't a fault of the table"):
+        play(log([]), tmp_path / "other", Doubting(Fault("XYZ", "")), FaultLog())
 
 
 def log(radars, num=20, period_ms=100):
