@@ -16,7 +16,9 @@ from fbench.replay.data.messages import Image
 
 class MotionBlur(ImageCondition):
     """The camera moves while it exposes: half a Gaussian of sigma along a line of 2 r + 1 px, at an angle of up to 45
-    degrees that is drawn for every image. Formula and levels of Hendrycks and Dietterich (ICLR 2019).
+    degrees that is drawn for every image.
+
+    Formula and levels of Hendrycks and Dietterich (ICLR 2019).
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {
@@ -30,8 +32,9 @@ class MotionBlur(ImageCondition):
 
 
 class Defocus(ImageCondition):
-    """The lens isn't focused: each point becomes a disc of a radius, softened at its edge. Formula and levels of
-    Hendrycks and Dietterich (ICLR 2019).
+    """The lens isn't focused: each point becomes a disc of a radius, softened at its edge.
+
+    Formula and levels of Hendrycks and Dietterich (ICLR 2019).
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {

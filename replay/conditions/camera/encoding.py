@@ -13,7 +13,10 @@ from fbench.replay.data.messages import Image
 
 
 class JpegArtifacts(ImageCondition):
-    """Encoded as JPEG of a low quality. Levels of Hendrycks and Dietterich (ICLR 2019)."""
+    """Encoded as JPEG of a low quality.
+
+    Levels of Hendrycks and Dietterich (ICLR 2019).
+    """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"quality": (25.0, 18.0, 15.0, 10.0, 7.0)}
 
@@ -24,7 +27,10 @@ class JpegArtifacts(ImageCondition):
 
 
 class Pixelation(ImageCondition):
-    """Scaled down by means over areas, and up again in squares. Levels of Hendrycks and Dietterich (ICLR 2019)."""
+    """Scaled down by means over areas, and up again in squares.
+
+    Levels of Hendrycks and Dietterich (ICLR 2019).
+    """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"scale_share": (0.6, 0.5, 0.4, 0.3, 0.25)}
 
@@ -37,8 +43,9 @@ class Pixelation(ImageCondition):
 
 
 class Quantization(ImageCondition):
-    """Of each value only some bits are left: the nearest of 2^bits values from black to white. RoboBEV (Xie et al.
-    2023) has 5 - s bits, none at all at severity 5.
+    """Of each value only some bits are left: the nearest of 2^bits values from black to white.
+
+    RoboBEV (Xie et al. 2023) has 5 - s bits, none at all at severity 5.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"bits": (5.0, 4.0, 3.0, 2.0, 1.0)}

@@ -46,8 +46,10 @@ def _guide(values: Float32, gray: Float32) -> tuple[Float32, Float32]:
 
 class FogWithoutDepth(ImageCondition):
     """Swaths of fog that know nothing of distance: (I + c P) m / (m + c), m the largest I, P a plasma fractal from 0 to
-    1 whose octaves weaken by a factor. It stays over the log. Formula and levels of Hendrycks and Dietterich (ICLR
-    2019); their fractal of midpoints is here a sum of smooth octaves, with the tenth below and above cut off.
+    1 whose octaves weaken by a factor. It stays over the log.
+
+    Formula and levels of Hendrycks and Dietterich (ICLR 2019); their fractal of midpoints is here a sum of smooth
+    octaves, with the tenth below and above cut off.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {

@@ -15,9 +15,10 @@ _BURST = 4  # Frames
 
 
 class CameraCrash(ImageCondition):
-    """Some of the log's cameras are black all the time: the whole number nearest to a share of them, at least one,
-    drawn without replacement among all cameras, whichever of them the condition is for. Levels of RoboBEV (Xie et al.
-    2023), whose draw gives some cameras twice.
+    """Some of the log's cameras are black all the time: the whole number nearest to a share of them, at least one.
+    They are drawn without replacement among all cameras, whichever of them the condition is for.
+
+    Levels of RoboBEV (Xie et al. 2023), whose draw gives some cameras twice.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"crashed_share": (1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6)}
@@ -31,8 +32,9 @@ class CameraCrash(ImageCondition):
 
 
 class LostFrames(ImageCondition):
-    """Each frame is black with a probability, whatever became of others. Levels of RoboBEV's `FrameLost` (Xie et al.
-    2023): s / 6.
+    """Each frame is black with a probability, whatever became of others.
+
+    Levels of RoboBEV's `FrameLost` (Xie et al. 2023): s / 6.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"lost_share": (0.17, 0.33, 0.5, 0.67, 0.83)}
@@ -44,8 +46,10 @@ class LostFrames(ImageCondition):
 
 class FrozenFrames(ImageCondition):
     """The picture stands still while stamps go on: time is cut into bursts of four frames, of which a share repeats the
-    frame before the burst. Never across a gap of two bursts, nor a change of the rig. It repeats frames as recorded, so
-    name it before conditions that act on their pixels. Levels and length as in the benchmark of Yu et al. (2023).
+    frame before the burst. Never across a gap of two bursts, nor a change of the rig. It repeats frames as recorded,
+    so name it before conditions that act on their pixels.
+
+    Levels and length as in the benchmark of Yu et al. (2023).
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"frozen_share": (0.1, 0.3, 0.5, 0.7, 0.9)}

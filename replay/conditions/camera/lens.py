@@ -20,7 +20,9 @@ _OPAQUE, _SPOTS = 0.92, 14  # Of mud, and how many spots fit side by side into a
 class SunGlare(ImageCondition):
     """The sun in the image: a white disc at u from .25 to .75 of the width and v from .30 to .45 of the height, with
     light around that falls with the square of the angle. It stays over the log; the radius is that in images 1600 px
-    wide. Levels of Dong et al. (CVPR 2023).
+    wide.
+
+    Levels of Dong et al. (CVPR 2023).
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"radius_px": (30.0, 40.0, 50.0, 60.0, 70.0)}
@@ -38,7 +40,9 @@ class SunGlare(ImageCondition):
 
 class LensDirt(ImageCondition):
     """Mud on the lens: spots over a share of the image that let hardly anything through, soft at their edges. They stay
-    over the log. Masks as of Yu et al. (2023, lidar-camera-robust-benchmark); shares by eye.
+    over the log.
+
+    Masks as of Yu et al. (2023, lidar-camera-robust-benchmark); shares by eye.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"dirty_share": (0.02, 0.05, 0.10, 0.20, 0.30)}

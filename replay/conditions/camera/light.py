@@ -22,7 +22,9 @@ _READ_NOISE = (0.008, 0.012, 0.018, 0.026, 0.038)
 
 class LowLight(ImageCondition):
     """Little light: I1 = c ((I - min) / (max - min))^2, then Poisson(I1 n) / n + N(0, sigma), for I from 0 to 1: n
-    photons make white. Formula and levels of RoboBEV (Xie et al. 2023), where each level is one too strong.
+    photons make white.
+
+    Formula and levels of RoboBEV (Xie et al. 2023), where each level is one too strong.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {
@@ -35,7 +37,10 @@ class LowLight(ImageCondition):
 
 
 class Overexposure(ImageCondition):
-    """Too much light: V of HSV + c, for V from 0 to 1. Formula and levels of Hendrycks and Dietterich (ICLR 2019)."""
+    """Too much light: V of HSV + c, for V from 0 to 1.
+
+    Formula and levels of Hendrycks and Dietterich (ICLR 2019).
+    """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"added_share": (0.1, 0.2, 0.3, 0.4, 0.5)}
 

@@ -24,8 +24,9 @@ _VALUES = np.arange(256) / 255
 
 
 class GaussianNoise(ImageCondition):
-    """Noise of an amplifier: I + N(0, sigma), for I from 0 to 1. Formula and levels of Hendrycks and Dietterich (ICLR
-    2019) as Michaelis et al. (2019) give them.
+    """Noise of an amplifier: I + N(0, sigma), for I from 0 to 1.
+
+    Formula and levels of Hendrycks and Dietterich (ICLR 2019) as Michaelis et al. (2019) give them.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"sigma_share": (0.08, 0.12, 0.18, 0.26, 0.38)}
@@ -36,8 +37,9 @@ class GaussianNoise(ImageCondition):
 
 
 class ShotNoise(ImageCondition):
-    """Noise of light itself, of which only so many photons make white: Poisson(I n) / n. Formula and levels of
-    Hendrycks and Dietterich (ICLR 2019).
+    """Noise of light itself, of which only so many photons make white: Poisson(I n) / n.
+
+    Formula and levels of Hendrycks and Dietterich (ICLR 2019).
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"photons": (60.0, 25.0, 12.0, 5.0, 3.0)}
@@ -48,8 +50,9 @@ class ShotNoise(ImageCondition):
 
 
 class ImpulseNoise(ImageCondition):
-    """Salt and pepper: a share of values is black or white, as likely each. Formula and levels of Hendrycks and
-    Dietterich (ICLR 2019).
+    """Salt and pepper: a share of values is black or white, as likely each.
+
+    Formula and levels of Hendrycks and Dietterich (ICLR 2019).
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"impulse_share": (0.03, 0.06, 0.09, 0.17, 0.27)}
@@ -60,7 +63,10 @@ class ImpulseNoise(ImageCondition):
 
 
 class UniformNoise(ImageCondition):
-    """Noise evenly distributed from -c to c, for I from 0 to 1. Levels of Dong et al. (CVPR 2023)."""
+    """Noise evenly distributed from -c to c, for I from 0 to 1.
+
+    Levels of Dong et al. (CVPR 2023).
+    """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"width_share": (0.08, 0.12, 0.18, 0.26, 0.38)}
 
@@ -118,9 +124,10 @@ def _gaussian(sigma: float) -> Array:
 
 @lru_cache(maxsize=8)
 def _uniform(width: float) -> Array:
-    return make_table(np.asarray(np.clip((_EDGES - _VALUES[:, None] + width) / max(2 * width, 1e-9), 0, 1), np.float64))
+    below = (_EDGES - _VALUES[:, None] + width) / max(2 * width, 1e-9)
+    return make_table(np.asarray(np.clip(below, 0, 1), np.float64))
 
 
 @lru_cache(maxsize=8)
 def _impulse(share: float) -> Array:
-    return make_table(share / 2 + (1 - share) * (_VALUES[:, None] < _EDGES))
+    return make_table(np.where(_VALUES[:, None] < _EDGES, 1 - share / 2, share / 2))

@@ -260,10 +260,10 @@ class Probe:
 
 
 def test_images_get_the_cloud_of_their_log_time_though_they_come_first():
-    jpeg = encode_jpeg(even(50))
-    images = [Image("left", s, s, jpeg, "jpeg", SIZE) for s in (0, 10**9, 2 * 10**9)]
-    clouds = [PointCloud("lidar", s, s, np.ones((1, 3), np.float32)) for s in (10**9, 2 * 10**9 + 1)]
+    jpeg, of_images, of_clouds = encode_jpeg(even(50)), (0, 10**9, 2 * 10**9), (10**9, 2 * 10**9 + 1)
+    images = [Image("left", s, s, jpeg, "jpeg", SIZE) for s in of_images]
+    clouds = [PointCloud("lidar", s, s, np.ones((1, 3), np.float32)) for s in of_clouds]
     log, probe = FakeLog([*images, *clouds], rig=RIG), Probe()
     reader = DisturbedReader(log, Disturbance((Part("probe", probe),)), Effects())
-    assert [m.log_ns for m in reader.messages()] == sorted(m.log_ns for m in [*images, *clouds])
+    assert [m.log_ns for m in reader.messages()] == sorted((*of_images, *of_clouds))
     assert probe.seen == [None, 10**9, None]
