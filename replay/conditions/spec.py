@@ -122,7 +122,7 @@ def make_level(where: str, name: str, condition: Condition, strength: str) -> di
     first = next(iter(levels), "")
     ending = None if found is None else _UNITS.get(found["unit"])
     if found is None or ending is None or not first.endswith(ending):
-        unit = next((unit for unit, end in reversed(_UNITS.items()) if first.endswith(end)), "")
+        unit = next((unit for unit, end in reversed([*_UNITS.items()]) if first.endswith(end)), "")
         hint = f", or a value such as {levels[first][2] * (100 if unit == '%' else 1):g}{unit}" if unit else ""
         raise ConfigError(f"{where}: '{name}:{strength}': expected a severity of 0 to {NUM_LEVELS}{hint}")
     value = float(found["number"]) / (100 if found["unit"] == "%" else 1)
