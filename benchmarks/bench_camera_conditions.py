@@ -1,4 +1,4 @@
-"""Conditions on single messages: ours against the plain numpy formulation, in one process and on one core.
+"""Weather on single images: ours against the plain numpy formulation, in one process and on one core.
 
 Times are CPU times, so that ratios hold on a busy machine, too.
 """
@@ -71,8 +71,7 @@ def compare(name: str, ours: Callable[[], object], plain: Callable[[], object]) 
     print(f"{name}: {1e3 * a:.1f} ms, plain numpy {1e3 * b:.0f} ms, {b / a:.1f} times as fast")
 
 
-def camera() -> None:
-    """Fog and little light on a 1080p image."""
+def main() -> None:
     image, site = camera_scene()
     flat = replace(site, cloud=None)
     foggy, dark = (decode(disturb_image(image, weather, flat)) for weather in (FOG, NIGHT))
@@ -87,10 +86,6 @@ def camera() -> None:
     name = f"fog by {NUM_POINTS} LiDAR points, {size} (plain: flat ground)"
     compare(name, partial(disturb_image, image, FOG, site), partial(plain_fog, image))
     compare(f"little light, {size}", partial(disturb_image, image, NIGHT, flat), partial(plain_night, image))
-
-
-def main() -> None:
-    camera()
 
 
 if __name__ == "__main__":

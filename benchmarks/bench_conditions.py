@@ -47,8 +47,8 @@ def street_scan() -> RadarScan:
     rng = np.random.Generator(np.random.Philox(2))
     unit, range_m = directions(rng, NUM_ECHOES, 50.0), rng.uniform(3, 100, NUM_ECHOES)
     rcs = 40 * np.log10(range_m / 100) - 7 + rng.uniform(0, 30, NUM_ECHOES)
-    xyz, speed, strength = (a.astype(np.float32) for a in (unit * range_m[:, None], -10 * unit[:, 0], rcs))
-    return RadarScan("radar", 0, 0, xyz, speed, strength)
+    xyz, velocity, strength = (a.astype(np.float32) for a in (unit * range_m[:, None], -10 * unit[:, 0], rcs))
+    return RadarScan("radar", 0, 0, xyz, velocity, strength)
 
 
 def print_times(message: Measurement, names: Sequence[str], limit_ms: float | None) -> None:

@@ -31,7 +31,7 @@ from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Tick, Truth
-from fbench.replay.data.rig import KINDS, LogInfo, Rig, RigChange
+from fbench.replay.data.rig import KINDS, LogInfo, LogSpan, Rig, RigChange
 
 Event: TypeAlias = Message | RigChange | Tick
 
@@ -41,15 +41,6 @@ _CLOUD_NS = 300_000_000
 _AT_ONCE = 64  # Messages of one log time that are held at most
 RAW = "bgr8"
 """Encoding in which conditions get images."""
-
-
-@dataclass(frozen=True)
-class LogSpan:
-    """When the messages of a log were recorded."""
-
-    first_ns: int
-    last_ns: int
-    period_ns: Mapping[str, int] = field(default_factory=dict)  # Median, by sensor
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,7 +102,8 @@ def split_name(text: str, where: str = "") -> tuple[str, str]:
             name = ".".join(words[:num])
             if name in names:
                 return name, ".".join(words[num:]) or prefix
-    raise ConfigError(f"{where}unknown condition '{text}'{did_you_mean(text, names)}")
+    known = [*names, *(f"{kind}.{name}" for name in names if "." not in name)] if kind in KINDS else names
+    raise ConfigError(f"{where}unknown condition '{text}'{did_you_mean(text, known)}")
 
 
 def load_condition(name: str) -> Condition:
@@ -128,7 +129,7 @@ def make_level(where: str, name: str, condition: Condition, strength: str) -> di
     first = next(iter(levels), "")
     ending = None if found is None else _UNITS.get(found["unit"])
     if found is None or ending is None or not first.endswith(ending):
-        unit = next((unit for unit, end in reversed(_UNITS.items()) if first.endswith(end)), "")
+        unit = next((unit for unit, end in reversed([*_UNITS.items()]) if first.endswith(end)), "")
         hint = f", or a value such as {levels[first][2] * (100 if unit == '%' else 1):g}{unit}" if unit else ""
         raise ConfigError(f"{where}: '{name}:{strength}': expected a severity of 0 to {NUM_LEVELS}{hint}")
     value = float(found["number"]) / (100 if found["unit"] == "%" else 1)
