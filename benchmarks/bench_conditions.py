@@ -62,7 +62,7 @@ def print_times(message: Measurement, names: Sequence[str], limit_ms: float | No
             level = {key: float(values[severity - 1]) for key, values in condition.levels.items()}
             site = Site((0, name, "bench", message.sensor), rig, message.sensor, kind, 0, 10**10)
             disturb: Callable[[], object] = lambda: condition.disturb(message, level, site)  # noqa: B023, E731
-            times.append(1e3 * best_s(disturb, 7, time.process_time))
+            times.append(1e3 * best_s(disturb, 20, time.process_time))
         limit = "" if limit_ms is None else f"   at most {limit_ms:g} ms{'' if max(times) <= limit_ms else ': MISSED'}"
         print(f"{kind} {name:22}" + "".join(f"{ms:8.1f}" for ms in times) + f" ms{limit}")
 

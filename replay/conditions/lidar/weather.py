@@ -74,14 +74,13 @@ def disturb_cloud(cloud: PointCloud, weather: Weather, site: Site) -> PointCloud
     """
     extinction = fog_extinction_per_m(Weather())  # of clear air, which has been at work on what was recorded
     has_air = extinction_per_m(weather) > extinction
-    range_m = np.einsum("ij,ij->i", cloud.xyz, cloud.xyz, dtype=np.float64)
-    np.sqrt(range_m, out=range_m)
-    beams = np.flatnonzero(np.isfinite(range_m) & (range_m > 0))
-    if not len(beams) or not (has_air or weather.water_mm > 0):
+    range_m = _ranges(cloud.xyz)
+    is_beam = np.isfinite(range_m) & (range_m > 0)
+    if not is_beam.any() or not (has_air or weather.water_mm > 0):
         return cloud
-    if len(beams) < len(range_m):
-        range_m = range_m[beams]
-    scale, reflectivity = _reflectivity(cloud.intensity, beams)
+    beams: Array | slice = slice(None) if is_beam.all() else np.flatnonzero(is_beam)
+    range_m = range_m[beams]
+    scale, reflectivity = _reflectivity(cloud, beams)
     reflectivity *= np.exp(2 * extinction * range_m)
     floor = _power_floor(range_m, reflectivity)
     if weather.water_mm > 0:
@@ -91,28 +90,43 @@ def disturb_cloud(cloud: PointCloud, weather: Weather, site: Site) -> PointCloud
         if ground is not None:
             reflectivity[rows] *= wet_share(weather.water_mm, ground.cos_incidence)
         if not has_air:
-            beams, range_m, reflectivity = beams[rows], range_m[rows], reflectivity[rows]
+            beams, range_m, reflectivity = np.flatnonzero(is_beam)[rows], range_m[rows], reflectivity[rows]
     at_m, power, is_scattered = receive(range_m, reflectivity, weather, floor, site.rng_of(cloud, "air"))
-    moved, lost = np.flatnonzero((at_m != range_m) & np.isfinite(at_m)), beams[np.isinf(at_m)]
-    xyz, intensity = cloud.xyz, cloud.intensity
+    is_received = np.isfinite(at_m)
+    moved = np.flatnonzero((at_m != range_m) & is_received)
+    xyz, intensity, keep = cloud.xyz, cloud.intensity, np.ones(len(cloud.xyz), bool)
+    keep[beams] = is_received
     if len(moved):
-        xyz, rows = xyz.copy(), beams[moved]
-        xyz[rows] *= (np.maximum(at_m[moved], 0.0) / range_m[moved])[:, None]
+        xyz = xyz.copy()
+        points = xyz[beams]
+        points[moved] *= (np.maximum(at_m[moved], 0.0) / range_m[moved])[:, None]
+        xyz[beams] = points
     if intensity is not None:
         intensity = intensity.copy()
+        own = intensity[beams]
         power *= scale
         np.minimum(power, scale, out=power)
-        is_known = (intensity[beams] > 0) | is_scattered
-        intensity[beams[is_known]] = power[is_known]
-    keep = np.ones(len(xyz), bool)
-    keep[lost] = False
+        np.copyto(own, power, where=(own > 0) | is_scattered, casting="same_kind")
+        intensity[beams] = own
     return keep_points(replace(cloud, xyz=xyz, intensity=intensity), keep)
 
 
-def _reflectivity(intensity: Float32 | None, beams: Array) -> tuple[float, Float64]:
-    """Return the intensity's full scale and the reflectivities (M,) of rows (M,), at least half a step of 8 bits."""
+def _ranges(xyz: Float32) -> Float64:
+    """Distances (N,) from the sensor, by two arrays only."""
+    result, part = xyz[:, 0].astype(np.float64), xyz[:, 1].astype(np.float64)
+    result *= result
+    for axis in (1, 2):
+        part[:] = xyz[:, axis]
+        part *= part
+        result += part
+    return np.sqrt(result, out=result)
+
+
+def _reflectivity(cloud: PointCloud, beams: Array | slice) -> tuple[float, Float64]:
+    """Return the intensity's full scale and the reflectivities (M,) of beams, at least half a step of 8 bits."""
+    intensity = cloud.intensity
     if intensity is None:
-        return 1.0, np.full(len(beams), REFLECTIVITY)
+        return 1.0, np.full(len(cloud.xyz), REFLECTIVITY)[beams]
     largest = float(np.nanmax(intensity, initial=0.0))
     scale = next((full for full in _FULL_SCALES if largest <= full), largest)
     result: Float64 = intensity[beams].astype(np.float64)
