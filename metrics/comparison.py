@@ -104,22 +104,30 @@ def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
     """Refuse to compare runs of logs that show different things; returns notes on what else differs.
 
     Logs are comparable where they are equal, or where their metadata say that they show one scene: the same drive with
-    the same truth, under other weather or with other sensors. Raises MetricError where the logs show different things,
-    naming both.
+    the same truth, under other weather or with other sensors; or where conditions disturbed one log. Raises MetricError
+    where the logs show different things, naming both.
     """
-    changes = _compare_logs(base, head) if base.log.digest != head.log.digest else []
+    is_disturbed = bool(base.conditions or head.conditions) and base.log.log_id == head.log.log_id
+    is_same = is_disturbed or base.log.digest == head.log.digest
+    changes = [] if is_same else _compare_logs(base, head)
     before, after = ({**m.parameters, **m.frames.model_dump()} for m in (base, head))
     names = {**before, **after} if base.pipeline == head.pipeline else {}
     files, others = _files(base), _files(head)
     changes += [
         ("pipeline", base.pipeline, head.pipeline),
         ("frames", base.num_frames, head.num_frames),
+        ("conditions", _conditions(base), _conditions(head)),
         *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
         *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
     ]
     notes = [f"{what}: {a} -> {b}" for what, a, b in changes if a != b]
     partial = [f"{name} is incomplete" for name, run in (("base", base), ("head", head)) if not run.complete]
     return (*notes, *partial)
+
+
+def _conditions(manifest: Manifest) -> str:
+    names = "+".join(map(str, manifest.conditions))
+    return f"{names}, seed {manifest.seed}" if names else "none"
 
 
 def require_common_instants(base: Run, head: Run) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Tick, Truth
-from fbench.replay.data.rig import KINDS, LogInfo, Rig, RigChange
+from fbench.replay.data.rig import KINDS, LogInfo, LogSpan, Rig, RigChange
 
 Event: TypeAlias = Message | RigChange | Tick
 
@@ -41,15 +41,6 @@ _CLOUD_NS = 300_000_000
 _AT_ONCE = 64  # Messages of one log time that are held at most
 RAW = "bgr8"
 """Encoding in which conditions get images."""
-
-
-@dataclass(frozen=True)
-class LogSpan:
-    """When the messages of a log were recorded."""
-
-    first_ns: int
-    last_ns: int
-    period_ns: Mapping[str, int] = field(default_factory=dict)  # Median, by sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,28 +259,25 @@ class DisturbedReader:
 
     def _disturb(self, recorded: Iterator[Event]) -> Iterator[Event]:
         disturber = Disturber(self._reader, self._disturbance, self._effects)
-        return in_order_of_delivery(recorded, disturber.foresee, disturber.disturb, lambda item: item.log_ns)
+        known = disturber.look_ahead(recorded, lambda item: item.log_ns, lambda item: item)
+        return in_order_of_delivery(known, disturber.disturb, lambda item: item.log_ns)
 
 
 def in_order_of_delivery(
-    recorded: Iterable[T],
-    foresee: Callable[[Sequence[T]], None],
-    disturb: Callable[[T], Iterable[T]],
-    log_ns: Callable[[T], int],
+    recorded: Iterable[T], disturb: Callable[[T], Iterable[T]], log_ns: Callable[[T], int]
 ) -> Iterator[T]:
     """Yield what becomes of items, which come in the order of their log time and are delayed at most, in that of the
-    time of their delivery. Those of one log time are foreseen before any of them is disturbed.
+    time of their delivery.
     """
     waiting: list[tuple[int, int, T]] = []
     num = 0
-    for now_ns, instant in groupby(recorded, log_ns):
-        while at_once := list(islice(instant, _AT_ONCE)):
-            foresee(at_once)
-            for result in (result for item in at_once for result in disturb(item)):
-                heapq.heappush(waiting, (max(log_ns(result), now_ns), num, result))
-                num += 1
-            while waiting and waiting[0][0] <= now_ns:
-                yield heapq.heappop(waiting)[2]
+    for item in recorded:
+        now_ns = log_ns(item)
+        for result in disturb(item):
+            heapq.heappush(waiting, (max(log_ns(result), now_ns), num, result))
+            num += 1
+        while waiting and waiting[0][0] <= now_ns:
+            yield heapq.heappop(waiting)[2]
     while waiting:
         yield heapq.heappop(waiting)[2]
 
@@ -320,9 +308,16 @@ class Disturber:
             names = {str(p) for p in self._disturbance.parts if "truth" in needs_of(p.condition)}
             raise LogError(f"condition {min(names)} needs 3D truth in body coordinates; the log has none", "COR002")
 
-    def foresee(self, events: Sequence[object]) -> None:
-        """Keep the clouds of one log time: images may come before them, where all sensors have the same clock."""
-        self._clouds |= {event.sensor: event for event in events if isinstance(event, PointCloud)}
+    def look_ahead(self, items: Iterable[T], log_ns: Callable[[T], int], content: Callable[[T], object]) -> Iterator[T]:
+        """Pass items on, but keep the clouds of a log time before them: images may come first, and many datasets give
+        all sensors the same time.
+        """
+        for _, instant in groupby(items, key=log_ns):
+            while at_once := list(islice(instant, _AT_ONCE)):
+                self._clouds |= {
+                    cloud.sensor: cloud for cloud in map(content, at_once) if isinstance(cloud, PointCloud)
+                }
+                yield from at_once
 
     def disturb(self, recorded: Event) -> Iterator[Event]:
         """Yield what becomes of a message, with its instant before it where conditions change times."""

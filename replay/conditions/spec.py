@@ -95,7 +95,8 @@ def split_name(text: str, where: str = "") -> tuple[str, str]:
             name = ".".join(words[:num])
             if name in names:
                 return name, ".".join(words[num:]) or prefix
-    raise ConfigError(f"{where}unknown condition '{text}'{did_you_mean(text, names)}")
+    known = [*names, *(f"{kind}.{name}" for name in names if "." not in name)] if kind in KINDS else names
+    raise ConfigError(f"{where}unknown condition '{text}'{did_you_mean(text, known)}")
 
 
 def load_condition(name: str) -> Condition:

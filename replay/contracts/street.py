@@ -6,13 +6,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from fbench.replay.conditions.disturb import Disturbance, DisturbedReader, LogSpan
+from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.conditions import ChangesTimes, Condition, Level, Measurement, Part, Site, needs_of
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth
-from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.data.rig import CameraModel, LogInfo, LogSpan, Mount, Rig
 
 PERIOD_NS = 100_000_000
 _FIRST_NS = 1_700_000_000_000_000_000

@@ -130,3 +130,12 @@ class LogInfo:
     def regions(self) -> tuple[Region, ...]:
         """Where road users are expected, in world coordinates. Raises LogError where metadata have another form."""
         return regions_of(self.metadata)
+
+
+@dataclass(frozen=True)
+class LogSpan:
+    """When the messages of a log were recorded."""
+
+    first_ns: int
+    last_ns: int
+    period_ns: Mapping[str, int] = field(default_factory=dict)  # Median, by sensor

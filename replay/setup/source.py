@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.conditions.disturb import LogSpan
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.rig import LogSpan
 from fbench.replay.engine.frame_buffer import SyncParams, make_sync_params
 from fbench.replay.formats.rig_files import open_rig_file
 from fbench.replay.formats.text import digest_of

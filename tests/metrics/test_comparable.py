@@ -8,7 +8,7 @@ from tests.metrics.conftest import make_manifest
 from fbench.metrics.comparison import require_common_instants, require_comparable
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
-from fbench.replay.runs.manifest import InputEntry, LogEntry, Manifest, MountEntry, TruthEntry
+from fbench.replay.runs.manifest import ConditionEntry, InputEntry, LogEntry, Manifest, MountEntry, TruthEntry
 
 
 class TestRequireComparable:
@@ -35,6 +35,18 @@ class TestRequireComparable:
             "truth: none -> labels.csv (d4d4d4d4)",
         )
         assert require_comparable(head, head) == ()
+
+    def test_one_log_under_conditions_is_noted(self) -> None:
+        fog = ConditionEntry(name="fog", version=1, strength="3", level={"visibility_m": 150.0}, sensors="lidar")
+        late = ConditionEntry(name="delay", version=1, strength="2", level={"delay_ms": 50.0}, from_s=1.0)
+        base = make_manifest(log=LogEntry(name="log", log_id="id", digest="d" * 32, metadata={}))
+        head = make_manifest(
+            log=LogEntry(name="log", log_id="id", digest="e" * 32, metadata={}), conditions=[fog, late], seed=4
+        )
+        assert require_comparable(base, head) == ("conditions: none -> fog.lidar:3+delay:2 (1s-), seed 4",)
+        other = head.model_copy(update={"log": LogEntry(name="x", log_id="other", digest="f" * 32, metadata={})})
+        with pytest.raises(MetricError, match="different logs"):
+            require_comparable(base, other)
 
 
 def of_scene(scene: str, digest: str, condition: str, **changes: Any) -> Manifest:

@@ -1,6 +1,6 @@
 """Items of a conversion under conditions, for a disturbed log that can be given to others."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from hashlib import blake2b
 
@@ -50,12 +50,12 @@ def disturb(items: Iterable[Item], reader: LogReader, disturbance: Disturbance, 
                     stored = _store(item.content, message) if message.sensor in disturbed else message
                     yield Decoded(item.topic, message.log_ns, stored)
 
-    def foresee(at_once: Sequence[Item]) -> None:
-        disturber.foresee([item.content for item in at_once if isinstance(item, Decoded)])
+    known = disturber.look_ahead(items, _log_ns, lambda item: item.content if isinstance(item, Decoded) else None)
+    return in_order_of_delivery(known, apply, _log_ns)
 
-    return in_order_of_delivery(
-        items, foresee, apply, lambda item: item.entry.log_ns if isinstance(item, Copied) else item.log_ns
-    )
+
+def _log_ns(item: Item) -> int:
+    return item.entry.log_ns if isinstance(item, Copied) else item.log_ns
 
 
 def _store(recorded: Message, message: Message) -> Message:

@@ -8,7 +8,7 @@ from tests.replay.engine.test_run import content, play
 from tests.replay.fakes import MS, RIG, Echo, FakeLog, box, drive
 
 import fbench.replay.conditions.disturb as module
-from fbench.replay.conditions.disturb import Disturbance, DisturbedReader, LogSpan
+from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.conditions.spec import parse_conditions
 from fbench.replay.contracts.conditions import Part
@@ -17,7 +17,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.street import PERIOD_NS, Street
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, RadarScan, Tick, Truth
-from fbench.replay.data.rig import RigChange
+from fbench.replay.data.rig import LogSpan, RigChange
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.read_ahead import open_ahead

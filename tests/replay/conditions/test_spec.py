@@ -52,6 +52,7 @@ def test_a_value_replaces_the_first_number_and_the_others_are_those_of_severity_
     ("text", "words"),
     [
         ("fogg:3", ["unknown condition 'fogg'", "did you mean 'fog'?"]),
+        ("lidar.fogg:3", ["unknown condition 'lidar.fogg'", "did you mean 'lidar.fog'?"]),
         ("fog:6", ["'fog:6'", "severity of 0 to 5"]),
         ("fog:-1", ["'fog:-1'"]),
         ("fog:x", ["'fog:x'"]),

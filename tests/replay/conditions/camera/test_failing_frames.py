@@ -6,12 +6,12 @@ from tests.replay.conditions.camera.sites import AHEAD, SIZE, edit, even, image,
 from tests.replay.fakes import FakeLog
 
 from fbench.replay.conditions.camera.frames import CameraCrash, FrozenFrames, LostFrames
-from fbench.replay.conditions.disturb import Disturbance, DisturbedReader, LogSpan
+from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.conditions import Part
 from fbench.replay.data.images import decode, encode_jpeg
 from fbench.replay.data.messages import Image
-from fbench.replay.data.rig import Mount, Rig
+from fbench.replay.data.rig import LogSpan, Mount, Rig
 
 PERIOD_NS = 100_000_000
 
