@@ -49,7 +49,7 @@ class FogWithoutDepth(ImageCondition):
     1 whose octaves weaken by a factor. It stays over the log.
 
     Formula and levels of Hendrycks and Dietterich (ICLR 2019); their fractal of midpoints is here a sum of smooth
-    octaves, with the tenth below and above cut off.
+    octaves, with a twentieth below and above cut off.
     """
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {
@@ -67,12 +67,12 @@ class FogWithoutDepth(ImageCondition):
 
 
 def plasma(rng: np.random.Generator, size_wh: tuple[int, int], decay: float, octaves: int = 7) -> Float32:
-    """Return smooth noise (H, W), a tenth of it 0 and a tenth 1: octaves, each twice as fine and weaker."""
+    """Return smooth noise (H, W), a twentieth of it 0 and one 1: octaves, each twice as fine and weaker."""
     width, height = size_wh
     total = np.zeros((height, width), np.float32)
     for octave in range(octaves):
         num = 2**octave + 1
         values = rng.uniform(-1, 1, (num, num)).astype(np.float32)
         total += cv2.resize(values, size_wh, interpolation=cv2.INTER_CUBIC) * np.float32(decay**-octave)
-    low, high = np.quantile(total[:: max(1, height // 100), :: max(1, width // 100)], (0.1, 0.9)).astype(np.float32)
+    low, high = np.quantile(total[:: max(1, height // 100), :: max(1, width // 100)], (0.05, 0.95)).astype(np.float32)
     return np.clip((total - low) / (high - low), 0, 1) if high > low else np.full_like(total, 0.5)
