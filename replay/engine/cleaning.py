@@ -10,7 +10,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DataError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
-from fbench.replay.data.arrays import Array, own_arrays
+from fbench.replay.data.arrays import Float32, own_arrays
 from fbench.replay.data.boxes import LABELS, MAX_BOXES, MAX_MAGNITUDE, Boxes, Boxes2D, Boxes3D, most_boxes
 from fbench.replay.data.frames import ClockName, Fault, Output
 from fbench.replay.data.messages import Image, Message, Pose, RadarScan
@@ -96,13 +96,17 @@ def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
 
 def _drop_infinite(scan: RadarScan, where: str, faults: FaultLog) -> RadarScan:
     """Take infinite velocities and magnitudes of echoes as not measured; drivers write NaN for those."""
-    known: dict[str, Array] = {}
-    for name in ("radial_velocity_mps", "rcs_dbsm"):
-        values = getattr(scan, name)
-        if values is not None and (bad := np.abs(values) >= MAX_MAGNITUDE).any():
-            known[name] = np.where(bad, np.float32(np.nan), values)
-            faults.add("DAT006", f"{where}: {name} of {np.count_nonzero(bad)} of {len(values)} echoes")
-    return replace(scan, **known) if known else scan
+
+    def known(name: str, values: Float32 | None) -> Float32 | None:
+        if values is None or not (bad := np.abs(values) >= MAX_MAGNITUDE).any():
+            return values
+        faults.add("DAT006", f"{where}: {name} of {np.count_nonzero(bad)} of {len(values)} echoes")
+        return np.where(bad, np.float32(np.nan), values)
+
+    velocity = known("radial_velocity_mps", scan.radial_velocity_mps)
+    strength = known("rcs_dbsm", scan.rcs_dbsm)
+    is_same = velocity is scan.radial_velocity_mps and strength is scan.rcs_dbsm
+    return scan if is_same else replace(scan, radial_velocity_mps=velocity, rcs_dbsm=strength)
 
 
 _MAX_SHOWN = 200

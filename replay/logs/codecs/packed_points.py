@@ -147,9 +147,8 @@ C = TypeVar("C", bound=PointCloud | RadarScan)
 
 def only_finite(cloud: C) -> C:
     """Return a cloud without the points of which a coordinate isn't finite."""
-    if np.isfinite(cloud.xyz).all():
-        return cloud
-    return take_points(cloud, np.isfinite(cloud.xyz).all(axis=1))
+    finite = np.asarray(np.isfinite(cloud.xyz).all(axis=1))
+    return cloud if finite.all() else take_points(cloud, finite)
 
 
 def take_points(cloud: C, rows: Bool | Int64) -> C:
