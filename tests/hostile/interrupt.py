@@ -174,12 +174,9 @@ def fill(trial: Trial, name: str, number: int, random: Random) -> None:
         def take_all(place: Path) -> None:
             free = os.statvfs(place)
             rest = int(random.integers(0, 40_000)) if random.integers(2) else 0
-            with (place / "filler").open("wb") as file:
-                try:
-                    for _ in range(max(0, free.f_bavail * free.f_frsize - rest) // 4096):
-                        file.write(bytes(4096))
-                except OSError:
-                    pass
+            with suppress(OSError), (place / "filler").open("wb") as file:  # the command may take the last of it
+                for _ in range(max(0, free.f_bavail * free.f_frsize - rest) // 4096):
+                    file.write(bytes(4096))
 
         disturb(trial, name, number, random, take_all)
         (trial.folder / "work" / "filler").unlink(missing_ok=True)
