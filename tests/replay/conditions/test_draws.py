@@ -4,6 +4,8 @@ import sys
 import numpy as np
 
 from fbench.replay.conditions.generators import generator
+from fbench.replay.contracts.conditions import Site
+from fbench.replay.data.rig import Rig
 
 
 def test_equal_scopes_give_equal_numbers_whatever_was_drawn_before():
@@ -39,3 +41,17 @@ def test_another_process_draws_the_same():
 def test_numbers_are_evenly_distributed_over_stamps():
     drawn = np.array([generator(3, "lidar", stamp).random() for stamp in range(2000)])
     assert abs(drawn.mean() - 0.5) < 3 / np.sqrt(12 * 2000)
+
+
+def drawn_by(draw, severity="3", sensor="left", seed=1):
+    key = (seed, f"camera.glare@1:{severity}", "log", sensor)
+    return draw(Site(key, Rig({}, {}), sensor, "camera", 0, 1), "sun").random()
+
+
+def test_what_all_sensors_share_and_what_all_severities_share():
+    for draw, same, other in (
+        (Site.rng_of_log, {"sensor": "right"}, {"severity": "4"}),
+        (Site.rng_of_place, {"severity": "4"}, {"sensor": "right"}),
+    ):
+        assert drawn_by(draw) == drawn_by(draw, **same)
+        assert len({drawn_by(draw), drawn_by(draw, **other), drawn_by(draw, seed=2)}) == 3

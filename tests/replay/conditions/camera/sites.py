@@ -1,5 +1,7 @@
 """A car with two cameras and a LiDAR, its images and clouds, for tests of what disturbs images."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from fbench.replay.contracts.conditions import Site
@@ -37,11 +39,14 @@ def even(value, size=SIZE):
     return np.full((size[1], size[0], 3), value, np.uint8)
 
 
+@lru_cache
 def street(seed=1):
     """A scene of colors, edges and textures."""
     rng = np.random.default_rng(seed)
     blocks = np.kron(rng.integers(20, 235, (12, 16, 3)), np.ones((20, 20, 1)))
-    return np.clip(blocks + rng.normal(0, 6, (240, 320, 3)), 0, 255).astype(np.uint8)
+    pixels = np.clip(blocks + rng.normal(0, 6, (240, 320, 3)), 0, 255).astype(np.uint8)
+    pixels.setflags(write=False)
+    return pixels
 
 
 def pixels_of(message):
