@@ -15,7 +15,7 @@ from fbench.replay.conditions.disturb import Disturbance
 from fbench.replay.conditions.spec import has_strength, parse_conditions
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import entry_points_of
+from fbench.replay.contracts.plugins import entry_points_of, pipeline_parameters
 from fbench.replay.data.scores import Column, Figure, Line, Results, ResultTable
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import package_versions
@@ -55,6 +55,24 @@ def parse_severities(text: str) -> tuple[str, ...]:
             raise ConfigError(f"--severity {text}: expected severities from 1 to 5, such as 1-5 or 1,3,5")
         found |= {str(number): None for number in range(int(first), int(last or first) + 1)}
     return tuple(sorted(found))
+
+
+def fitting_settings(pipelines: Sequence[str], settings: Sequence[str]) -> dict[str, list[str]]:
+    """Return the settings `NAME=VALUE` of each pipeline: those of parameters that it has. Raises ConfigError for one
+    that none of them takes.
+    """
+    found: dict[str, list[str]] = {name: [] for name in pipelines}
+    for setting in settings:
+        errors = []
+        for name, own in found.items():
+            try:
+                pipeline_parameters(name, [*own, setting])
+                own.append(setting)
+            except ConfigError as error:
+                errors.append(error)
+        if len(errors) == len(found):
+            raise errors[0]
+    return found
 
 
 @dataclass(frozen=True)

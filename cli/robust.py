@@ -65,7 +65,7 @@ def robust(
 
     Cells that exist already aren't replayed again.
     """
-    from fbench.api.robust import RobustSuite, parse_severities, suite_conditions
+    from fbench.api.robust import RobustSuite, fitting_settings, parse_severities, suite_conditions
     from fbench.replay.data.scores import ScoreOptions
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline
     from fbench.replay.setup.source import LogRequest
@@ -76,10 +76,11 @@ def robust(
     wanted = list(dict.fromkeys([*(suite_conditions(chosen) if chosen else ()), *asked]))
     if baseline is not None and baseline not in names:
         raise ConfigError(f"--baseline {baseline}: isn't among the pipelines: {', '.join(names)}")
+    own_settings = fitting_settings(names, settings or ())
     boxes = options.box_source(truth, truth_format, truth_frame)
     requests = [
         ReplayRequest(
-            LogRequest(log, config, rig or (), boxes, decoder=decoder or ()), name, settings=settings or (),
+            LogRequest(log, config, rig or (), boxes, decoder=decoder or ()), name, settings=own_settings[name],
             sensors=sensors or (), from_=from_, to=to, frames=frames, interpolate_truth_ms=interpolate_truth_ms,
             seed=seed, on_fault="tolerant", scoring=ScoreOptions(range_m, in_view, distance_m, iou),
         )

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from tests.city_log import write_city_log
 
-from fbench.api.robust import SUITES, parse_severities
+from fbench.api.robust import SUITES, fitting_settings, parse_severities
 from fbench.replay.conditions.spec import parse_conditions
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.scores import load_scores
@@ -88,6 +88,13 @@ def test_wrong_options_cost_one_line_and_nothing_runs(fbench, city, arguments, t
     assert len(result.err.splitlines()) == 1
     assert text in result.err
     assert not list(Path("suite").rglob("manifest.json")) if Path("suite").exists() else True
+
+
+def test_settings_go_to_the_pipelines_that_have_them():
+    found = fitting_settings(["lidar3d", "radar3d"], ["lidar.judge=rules"])
+    assert found == {"lidar3d": ["lidar.judge=rules"], "radar3d": []}
+    with pytest.raises(ConfigError, match="radra"):
+        fitting_settings(["lidar3d", "radar3d"], ["radra.min_echoes=3"])
 
 
 def test_severities():
