@@ -1,5 +1,6 @@
 """Fixtures that all tests share."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,10 @@ from hypothesis import settings
 # The same examples on every run, and no deadline: machines of CI are slow at times.
 settings.register_profile("fbench", deadline=None, derandomize=True)
 settings.load_profile("fbench")
+
+# What a shell starts in the background ignores Ctrl-C, and so would every program that tests start and interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LONGEST = (
     "test_docs.py", "test_verify.py", "test_city_recording.py", "test_every_pipeline_on_recordings.py",
