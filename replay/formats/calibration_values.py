@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from math import inf
 
 import numpy as np
 
@@ -30,8 +31,10 @@ def number(where: str, value: object) -> float:
     """Return a finite number, also where a file gives it as text. Raises ConfigError where it isn't one."""
     if isinstance(value, str) and len(value) <= _MAX_DIGITS and _NUMBER.fullmatch(value.strip()):
         value = float(value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < MAX_MAGNITUDE:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < inf:
         raise ConfigError(f"{where}: expected a finite number, got {format_value(value)}", MALFORMED)
+    if abs(value) >= MAX_MAGNITUDE:
+        raise ConfigError(f"{where}: expected a number below {MAX_MAGNITUDE:g}, got {format_value(value)}", MALFORMED)
     return float(value)
 
 

@@ -302,6 +302,9 @@ CASES = [
 ]  # fmt: skip
 
 ELSEWHERE = {
+    "COR001": "tests/replay/conditions/test_disturb.py::"
+    "test_conditions_that_break_their_promise_end_the_replay_in_one_line",
+    "COR002": "tests/replay/conditions/test_disturb.py::test_what_a_log_lacks_is_an_error",
     "CFG003": "tests/replay/formats/test_rig_files.py::test_bad_files_are_refused_in_one_line",
     "DEC002": "tests/cli/test_replay.py::test_corrupt_image_is_a_fault_of_its_frame",
     "DEC003": "tests/replay/logs/test_foreign.py::test_broken_clouds_are_counted",

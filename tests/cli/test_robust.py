@@ -91,10 +91,10 @@ def test_wrong_options_cost_one_line_and_nothing_runs(fbench, city, arguments, t
 
 
 def test_settings_go_to_the_pipelines_that_have_them():
-    found = fitting_settings(["lidar3d", "radar3d"], ["lidar.judge=rules"])
-    assert found == {"lidar3d": ["lidar.judge=rules"], "radar3d": []}
-    with pytest.raises(ConfigError, match="radra"):
-        fitting_settings(["lidar3d", "radar3d"], ["radra.min_echoes=3"])
+    found = fitting_settings(["lidar3d", "plain3d"], ["lidar.judge=rules"])
+    assert found == {"lidar3d": ["lidar.judge=rules"], "plain3d": []}
+    with pytest.raises(ConfigError, match=r"lidar\.jugde"):
+        fitting_settings(["lidar3d", "plain3d"], ["lidar.jugde=rules"])
 
 
 def test_severities():

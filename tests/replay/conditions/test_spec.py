@@ -65,7 +65,6 @@ def test_a_value_replaces_the_first_number_and_the_others_are_those_of_severity_
         ("fog@-", ["expected a window"]),
         ("fog:3@8s-5s", ["--condition fog:3 @8s-5s", "the window ends at 5 s, before it begins"]),
         ("fog@5-8", ["expected a window"]),
-        ("", ["unknown condition ''"]),
         ("fog++night", ["unknown condition ''"]),
         ("nothere.py:Fog:1", ["nothere.py: no such file"]),
         ("nothere.toml", ["nothere.toml: no such file"]),

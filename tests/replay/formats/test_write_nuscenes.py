@@ -211,9 +211,9 @@ def test_numbers_beyond_all_reason_stay_out(tmp_path):
                                 Truth(stamp(0), stamp(0), boxes)], TOKENS
     )  # fmt: skip
     here = drive(tmp_path, truths=[Truth(stamp(0), stamp(0), boxes)])
-    assert exported("nuscenes", tmp_path / "out.json", here).left_out == {"not finite": 1}
+    assert exported("nuscenes", tmp_path / "out.json", here).left_out == {"not finite": 2}
     results = require_valid(tmp_path / "out.json", "detection", {"aaa", "bbb", "ccc"})["results"]["aaa"]
-    assert results[0]["velocity"] == [0.0, 0.0]
-    assert math.hypot(*results[1]["velocity"]) == pytest.approx(5**0.5, rel=0.01)
+    assert len(results) == 1
+    assert math.hypot(*results[0]["velocity"]) == pytest.approx(5**0.5, rel=0.01)
     with pytest.raises(LogError, match="no pose of the body is known"):  # a pose so far away is none
         exported("nuscenes", tmp_path / "far.json", far)

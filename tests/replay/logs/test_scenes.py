@@ -213,9 +213,13 @@ def test_scenes_of_more_boxes_than_can_be(tmp_path):
     assert "bytes, more than 8388608" in hostile(tmp_path, scene(("a" * 2**23, (1, 2, 3), {}, {})))
 
 
-@pytest.mark.parametrize("metadata", [{"speed": "inf"}, {"velocity": "1e999 0"}, {"speed": "1e308"}])
-def test_speeds_that_cannot_be_warn_nobody(tmp_path, metadata):
-    assert len(boxes(tmp_path, ("a", (1, 2, 3), metadata, {}))) == 1
+def test_speeds_that_are_no_number_are_unknown(tmp_path):
+    assert len(boxes(tmp_path, ("a", (1, 2, 3), {"speed": "inf"}, {}))) == 1
+
+
+@pytest.mark.parametrize("metadata", [{"velocity": "1e999 0"}, {"speed": "1e308"}])
+def test_speeds_that_cannot_be_are_refused(tmp_path, metadata):
+    assert "box 0 isn't finite" in hostile(tmp_path, scene(("a", (1, 2, 3), metadata, {})))
 
 
 def test_rotation_that_is_not_finite(tmp_path):
