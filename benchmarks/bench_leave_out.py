@@ -132,30 +132,26 @@ def write_rigs(out: Path) -> dict[str, list[tuple[Path, tuple[str, ...]]]]:
 def print_sets(
     sets: Mapping[str, Sequence[tuple[Path, tuple[str, ...]]]], pipelines: Sequence[str], weights: Path
 ) -> None:
-    """Print for each set and pipeline which judge the others choose, and F1 with it, with the defaults and the best."""
-    print("| set | pipeline | chosen on the others | F1 % | with the defaults | with the best |")
-    print("|---|---|---|---:|---:|---:|")
+    """Print for each pipeline and set F1 with the judge that the others choose, with the defaults, and with each."""
+    names = [judge.partition("=")[2] for (judge,) in JUDGES]
+    print(f"| pipeline | set | chosen on the others | F1 % | with the defaults | {' | '.join(names)} |")
+    print(f"|---|---|---|---:|---:|{'---:|' * len(names)}")
     for pipeline in pipelines:
         counts = np.array([
             [sum(count(log, pipeline, judge, weights, sensors) for log, sensors in logs) for logs in sets.values()]
             for judge in ((), *JUDGES)
         ])  # fmt: skip
         usual, values = 100 * f1(counts[0]), 100 * f1(counts[1:])
-        means = (values.sum(axis=1, keepdims=True) - values) / (len(sets) - 1)
-        chosen = np.argmax(means, axis=0)
-        for at, name in enumerate(sets):
-            judge, best = JUDGES[chosen[at]][0].partition("=")[2], values[:, at].max()
-            own = values[chosen[at], at]
-            print(f"| {name} | `{pipeline}` | `{judge}` | {own:.1f} | {usual[at]:.1f} | {best:.1f} |", flush=True)
+        chosen = np.argmax((values.sum(axis=1, keepdims=True) - values) / (len(sets) - 1), axis=0)
         own = values[chosen, np.arange(len(sets))]
+        for at, name in enumerate(sets):
+            row = " | ".join(f"{value:.1f}" for value in (own[at], usual[at], *values[:, at]))
+            print(f"| `{pipeline}` | {name} | `{names[chosen[at]]}` | {row} |", flush=True)
         rows = np.random.Generator(np.random.Philox(0)).integers(0, len(sets), (RESAMPLES, len(sets)))
-        (low, high), (least, most) = (np.percentile(part[rows].mean(axis=1), [2.5, 97.5]) for part in (own, usual))
-        mean, default = (f"{part.mean():.1f}" for part in (own, usual))
-        top = values.max(axis=0).mean()
-        print(
-            f"| mean | `{pipeline}` | | {mean} ({low:.1f} to {high:.1f}) | {default} ({least:.1f} to {most:.1f}) "
-            f"| {top:.1f} |"
-        )
+        ends = [np.percentile(part[rows].mean(axis=1), [2.5, 97.5]) for part in (own, usual, *values)]
+        columns = zip((own, usual, *values), ends, strict=True)
+        means = (f"{part.mean():.1f} ({low:.1f} to {high:.1f})" for part, (low, high) in columns)
+        print(f"| `{pipeline}` | mean, 95% interval over sets | | {' | '.join(means)} |", flush=True)
 
 
 def count(log: Path, pipeline: str, settings: Sequence[str], weights: Path, sensors: Sequence[str] = ()) -> Float64:
