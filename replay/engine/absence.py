@@ -133,7 +133,8 @@ def find_shortage(
         advice = f"--timeout-ms {wait_ms} would wait for all of them"
         if middle > _SHIFT_NS:
             advice = f"its clock may be behind: try --offset {sensor}={middle / 1e6:.0f}, or --stamps log"
-        text = f"{came}: released {_ms(middle)} too soon for it in {format_count(num, 'frame')}"
+        were = "frame was" if num == 1 else "frames were"
+        text = f"{came}: {num} {were} released {_ms(middle)} too soon for it"
         if middle > _SHIFT_NS:
             return Shortage(sensor, text, advice, shift_ns=middle)
         return Shortage(sensor, text, advice, late_ns=int(amounts[-1]))

@@ -106,7 +106,7 @@ def test_messages_that_unpack_to_more(tmp_path, tells_size):
     assert len(data) < 200_000
     path = written(tmp_path, [(0, 1, data), (0, 2, zstandard.compress(b"x"))])
     text, mib, seconds = outcome(path)
-    assert text.startswith("1 message,")
+    assert text.startswith("1 messages,")
     assert "unpacked bytes" in text
     assert mib < 512
     assert seconds < 1
