@@ -401,7 +401,7 @@ def test_a_needed_sensor_in_hardly_any_frame_is_a_loss_that_a_check_says_first(f
     late = [replace(m, log_ns=m.log_ns + 400 * MS) if isinstance(m, PointCloud) else m for m in messages()]
     log = write_log(tmp_path / "late.mcap", [*late, *truths()], metadata={"reference": "radar"})
     said = fbench("log", "check", log)
-    line = "is in 0 of 6 frames, although 6 messages of it came: released 369.0 ms too soon for it in 6 frames"
+    line = "is in 0 of 6 frames, although 6 messages of it came: 6 frames were released 369.0 ms too soon for it"
     assert said.code == 1
     assert f"error FRM001 lidar: {line}\n    → --timeout-ms 399 would wait for all of them" in said.out
     for pipeline in ("lidar3d", "early3d", "thesis/lidar3d"):

@@ -164,7 +164,7 @@ def test_a_sensor_in_hardly_any_frame_is_a_finding_with_or_without_a_pipeline(pa
         assert (one.source, one.severity) == ("radar", severity)
         # It comes 502 ms after its stamp, the LiDAR 10 ms, and frames wait 30 ms.
         assert one.text == (
-            "is in 0 of 20 frames, although 20 messages of it came: released 462.0 ms too soon for it in 20 frames"
+            "is in 0 of 20 frames, although 20 messages of it came: 20 frames were released 462.0 ms too soon for it"
         )
         assert one.advice == "--timeout-ms 492 would wait for all of them"
     waiting = checked(path, items, sync=SyncParams(timeout_ns=492 * MS))
