@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,18 @@ def test_isolated_run_has_the_same_bytes(fbench, log, cls):
         assert files(Path("here")) == files(Path("apart"))
 
 
+def require_ended(number: str) -> None:
+    """See that a process ends; the system takes a moment for one that was killed, or lost its parent."""
+    stat = Path(f"/proc/{number.strip()}/stat")
+    for _ in range(500):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            if stat.read_text().split()[2] != "Z":
+                time.sleep(0.02)
+                continue
+        return
+    pytest.fail(f"process {number.strip()} goes on")
+
+
 LOST = {
     "Exits": "mine.py:Exits exited with 0",
     "Segfaults": "mine.py:Segfaults exited with 139 (SIGSEGV)",
@@ -193,7 +206,7 @@ def test_what_an_isolated_plugin_does_costs_one_frame(fbench, log, tmp_path, cls
     assert failed[3].startswith(LOST[cls])
     assert failed[3].isprintable()
     if cls == "LeavesDaemon":
-        assert not Path(f"/proc/{(tmp_path / 'daemon.pid').read_text()}").exists()
+        require_ended((tmp_path / "daemon.pid").read_text())
 
 
 @pytest.mark.slow
@@ -264,10 +277,4 @@ def test_an_isolated_plugin_ends_with_fbench(log, tmp_path, number):
         _, err = parent.communicate(timeout=60)
     assert parent.returncode == (-number if number == signal.SIGKILL else 128 + number)
     assert err.strip() == ""
-    child = Path(f"/proc/{(tmp_path / 'pid').read_text().strip()}/stat")
-    for _ in range(500):  # the system takes a moment to end a child of a killed process
-        if not child.exists() or child.read_text().split()[2] == "Z":
-            break
-        time.sleep(0.02)
-    else:
-        pytest.fail("the plug-in's process goes on")
+    require_ended((tmp_path / "pid").read_text())

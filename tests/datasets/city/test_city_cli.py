@@ -272,6 +272,6 @@ def test_a_full_disk_is_one_line_and_leaves_no_log(tmp_path):
         [*FBENCH, *args], cwd=tmp_path, capture_output=True, text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, 600_000)),
     )  # fmt: skip
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert (done.returncode, done.stderr.count("\n")) == (3, 1)
     assert "a.mcap: can't be written" in done.stderr
     assert _rest(tmp_path) == []
