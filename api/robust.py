@@ -58,19 +58,21 @@ def parse_severities(text: str) -> tuple[str, ...]:
 
 
 def fitting_settings(pipelines: Sequence[str], settings: Sequence[str]) -> dict[str, list[str]]:
-    """Return the settings `NAME=VALUE` of each pipeline: those of parameters that it has. Raises ConfigError for one
-    that none of them takes.
+    """Return the settings `NAME=VALUE` of each pipeline: those of parameters that it has; what is a parameter of none,
+    but may be one of a sensor, goes to all that take it. Raises ConfigError for one that none of them takes.
     """
     found: dict[str, list[str]] = {name: [] for name in pipelines}
+    known = {name: pipeline_parameters(name, []) for name in pipelines}
     for setting in settings:
-        errors = []
-        for name, own in found.items():
+        path, errors = setting.partition("=")[0], []
+        having = [name for name in found if path in known[name]] or list(found)
+        for name, own in ((name, found[name]) for name in having):
             try:
                 pipeline_parameters(name, [*own, setting])
                 own.append(setting)
             except ConfigError as error:
                 errors.append(error)
-        if len(errors) == len(found):
+        if len(errors) == len(having):
             raise errors[0]
     return found
 

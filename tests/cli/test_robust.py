@@ -91,8 +91,11 @@ def test_wrong_options_cost_one_line_and_nothing_runs(fbench, city, arguments, t
 
 
 def test_settings_go_to_the_pipelines_that_have_them():
-    found = fitting_settings(["lidar3d", "plain3d"], ["lidar.judge=rules"])
-    assert found == {"lidar3d": ["lidar.judge=rules"], "plain3d": []}
+    found = fitting_settings(["lidar3d", "radar3d", "late3d"], ["lidar.judge=rules", "camera.weights=none"])
+    both = ["lidar.judge=rules", "camera.weights=none"]
+    assert found == {"lidar3d": both[:1], "radar3d": [], "late3d": both}
+    # A parameter of a sensor: only a log tells whether it is there.
+    assert fitting_settings(["lidar3d"], ["front.max_range_m=30"]) == {"lidar3d": ["front.max_range_m=30"]}
     with pytest.raises(ConfigError, match=r"lidar\.jugde"):
         fitting_settings(["lidar3d", "plain3d"], ["lidar.jugde=rules"])
 
