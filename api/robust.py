@@ -164,7 +164,7 @@ def results_of(suite: RobustSuite, done: Sequence[tuple[SuiteCell, CellResult]])
         ("logs", ", ".join(dict.fromkeys(cell.log for cell, _ in done))),
         ("pipelines", ", ".join(matrix.pipelines)),
         ("seed", str(suite.requests[0].seed)),
-        ("frames", str(sum(len(cell.run.frames) for cell in cells if cell.condition == CLEAR))),
+        ("frames", str(sum({cell.log: len(cell.run.frames) for cell in cells}.values()))),
         ("versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())),
     ]
     problems = [f"left out: {what}: {why}" for what, why in suite.left_out.items()]
