@@ -94,7 +94,7 @@ class Matrix:
         spaces = spaces_of(self._scored(pipeline))
         return spaces[-1] if spaces else "3D"
 
-    def pooled(self, pipeline: str, condition: str, severity: str, metric: str) -> Figure:
+    def pool_cell(self, pipeline: str, condition: str, severity: str, metric: str) -> Figure:
         """Return a metric over all logs of a cell."""
         runs = [run for run in self._scored(pipeline) if run.condition == f"{condition}:{severity}"]
         return pool(runs, metric, self.space(pipeline)) if runs else Figure(None, "no run")
@@ -124,7 +124,7 @@ class Matrix:
     def _times(self) -> Int64:
         return self.how.times(len(self._units))
 
-    def resampled(self, pipeline: str, condition: str, severity: str) -> Int64 | None:
+    def resample(self, pipeline: str, condition: str, severity: str) -> Int64 | None:
         """Return the counts (num, 7) of each resample of the pieces; `None` where there are too few."""
         own = self._pieces.get((pipeline, condition, severity))
         if own is None or len(self._units) < LEAST_UNITS:
@@ -171,8 +171,8 @@ def _change_by_condition(matrix: Matrix) -> ResultTable:
     """The thesis's table 9.5: one number a condition, the mean over severities."""
     columns, lines = (Column("clear F1"), *(Column(name, "change") for name, _ in matrix.conditions)), []
     for pipeline in matrix.pipelines:
-        clear = matrix.pooled(pipeline, CLEAR, "", "f1")
-        low, high = matrix.interval(clear.value, _resampled(matrix, pipeline, CLEAR, "", _f1))
+        clear = matrix.pool_cell(pipeline, CLEAR, "", "f1")
+        low, high = matrix.interval(clear.value, _resample(matrix, pipeline, CLEAR, "", _f1))
         figures = [Figure(clear.value, clear.reason, clear.counts, None, low, high)]
         for name, severities in matrix.conditions:
             changes = [_change(matrix, pipeline, name, severity, "f1") for severity in severities]
@@ -191,7 +191,7 @@ class _Change:
 
 
 def _change(matrix: Matrix, pipeline: str, condition: str, severity: str, metric: str) -> _Change:
-    clear, then = (matrix.pooled(pipeline, *key, metric) for key in ((CLEAR, ""), (condition, severity)))
+    clear, then = (matrix.pool_cell(pipeline, *key, metric) for key in ((CLEAR, ""), (condition, severity)))
     counts = {f"{when}_{name}": num for when, f in (("clear", clear), ("then", then)) for name, num in f.counts.items()}
     for when, figure in (("clear weather", clear), (condition, then)):
         if figure.value is None:
@@ -201,8 +201,8 @@ def _change(matrix: Matrix, pipeline: str, condition: str, severity: str, metric
     if clear.value < 0:
         return _Change(Figure(None, "below 0 in clear weather", counts), None)
     value, of = (then.value - clear.value) / clear.value, _f1 if metric == "f1" else _mota
-    base = _resampled(matrix, pipeline, CLEAR, "", of)
-    other = _resampled(matrix, pipeline, condition, severity, of)
+    base = _resample(matrix, pipeline, CLEAR, "", of)
+    other = _resample(matrix, pipeline, condition, severity, of)
     resamples = None if base is None or other is None else _ratio(other - base, base)
     low, high = matrix.interval(value, resamples)
     return _Change(Figure(value, None, counts, None, low, high), resamples)
@@ -218,10 +218,10 @@ def _mean(matrix: Matrix, changes: Sequence[_Change]) -> Figure:
     return Figure(value, None, {}, None, low, high)
 
 
-def _resampled(
+def _resample(
     matrix: Matrix, pipeline: str, condition: str, severity: str, of: Callable[[Array], Float64]
 ) -> Float64 | None:
-    counts = matrix.resampled(pipeline, condition, severity)
+    counts = matrix.resample(pipeline, condition, severity)
     return None if counts is None else of(counts)
 
 
@@ -241,9 +241,9 @@ def _by_severity(matrix: Matrix, name: str, title: str, metric: str, *, is_chang
 def _line(matrix: Matrix, condition: str, severity: str, metric: str) -> Line:
     figures = []
     for pipeline in matrix.pipelines:
-        figure = matrix.pooled(pipeline, condition, severity, metric)
+        figure = matrix.pool_cell(pipeline, condition, severity, metric)
         of = _f1 if metric == "f1" else _mota
-        low, high = matrix.interval(figure.value, _resampled(matrix, pipeline, condition, severity, of))
+        low, high = matrix.interval(figure.value, _resample(matrix, pipeline, condition, severity, of))
         figures.append(Figure(figure.value, figure.reason, figure.counts, None, low, high))
     return Line(_title(condition, severity), "", tuple(figures))
 
@@ -302,13 +302,13 @@ def _aggregate(
     def scores(name: str) -> tuple[Array, Array] | None:
         """F1 (..., C, S) and in clear weather (...)."""
         if resampled:
-            whole = _resampled(matrix, name, CLEAR, "", _f1)
-            parts = [[_resampled(matrix, name, c, s, _f1) for s in severities] for c in names]
+            whole = _resample(matrix, name, CLEAR, "", _f1)
+            parts = [[_resample(matrix, name, c, s, _f1) for s in severities] for c in names]
             if whole is None or any(part is None for row in parts for part in row):
                 return None
             return np.array(parts).transpose(2, 0, 1), whole
-        values = [[matrix.pooled(name, c, s, "f1").value for s in severities] for c in names]
-        clear = matrix.pooled(name, CLEAR, "", "f1").value
+        values = [[matrix.pool_cell(name, c, s, "f1").value for s in severities] for c in names]
+        clear = matrix.pool_cell(name, CLEAR, "", "f1").value
         if clear is None or any(value is None for row in values for value in row):
             return None
         return np.array(values, np.float64), np.asarray(clear)

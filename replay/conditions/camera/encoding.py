@@ -1,4 +1,4 @@
-"""What is lost where images are compressed: blocks, resolution, gray levels."""
+"""Losses of compressed images: JPEG blocks, lower resolution, fewer gray levels."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar

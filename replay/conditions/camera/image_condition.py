@@ -1,4 +1,4 @@
-"""What conditions of cameras have in common: pixels in, pixels out."""
+"""Base of camera conditions: pixels in, pixels out."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What sun and dirt do on a lens, at the same place all through a log."""
+"""Glare and dirt on a lens, at the same place all through a log."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar

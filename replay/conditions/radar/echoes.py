@@ -1,4 +1,4 @@
-"""What is known of a scan's echoes: how far each is above the weakest, how fast the ground goes by, where it lies."""
+"""Echoes of a radar scan: their margin above the sensor's floor, the speed of the ground, and directions."""
 
 from dataclasses import replace
 
