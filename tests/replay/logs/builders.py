@@ -93,6 +93,11 @@ def array(dtype: str, shape: tuple[int, ...]) -> st.SearchStrategy[Any]:
     return hnp.arrays(np.dtype(dtype), shape)
 
 
+def _bounded(values: np.ndarray) -> np.ndarray:
+    """What can be of a rig: finite, below 1e9."""
+    return np.where(np.abs(values) < 1e9, values, 1.0)
+
+
 @st.composite
 def structs(draw: Any, kind: type, needed: dict[str, Any], optional: dict[str, Any], **more: Any) -> Any:
     """Objects whose arrays have a common number of rows; optional ones may be absent."""
@@ -138,11 +143,11 @@ images = st.builds(
     size_wh=sizes_wh,
 )  # fmt: skip
 mounts = st.builds(
-    Mount, kind=st.sampled_from(["camera", "lidar", "radar"]), translation_m=array("f8", (3,)).map(np.nan_to_num),
-    rotation_xyzw=array("f8", (4,)).map(np.nan_to_num).filter(np.any),
+    Mount, kind=st.sampled_from(["camera", "lidar", "radar"]), translation_m=array("f8", (3,)).map(_bounded),
+    rotation_xyzw=array("f8", (4,)).map(_bounded).filter(lambda rotation: np.abs(rotation).max() > 1e-100),
 )  # fmt: skip
 cameras = st.builds(
-    CameraModel, K=array("f8", (3, 3)).map(np.nan_to_num).filter(lambda K: K[0, 0] > 0 and K[1, 1] > 0),
+    CameraModel, K=array("f8", (3, 3)).map(_bounded).filter(lambda K: K[0, 0] > 0 and K[1, 1] > 0),
     size_wh=st.tuples(st.integers(1, 2**32 - 1), st.integers(1, 2**32 - 1)), distortion_model=texts,
-    distortion=st.integers(0, 8).flatmap(lambda n: array("f8", (n,)).map(np.nan_to_num)),
+    distortion=st.integers(0, 8).flatmap(lambda n: array("f8", (n,)).map(_bounded)),
 )  # fmt: skip
