@@ -27,7 +27,7 @@ def box(x_m, y_m, size_lwh, z_m=-1.6, step_m=0.15):
 def view(*parts, judge="model") -> LidarView:
     points = np.concatenate([road(), *parts])
     params = LidarParams(judge=judge)
-    return detect(obstacles(points[np.lexsort(points.T[::-1])], params), np.zeros(2), params)
+    return detect(obstacles(points[np.lexsort(points.T[::-1])], params), np.zeros(3), params)
 
 
 @pytest.mark.parametrize(
