@@ -67,3 +67,12 @@ def test_the_fitted_model_knows_a_car():
 def test_other_things_are_less_likely(changes):
     model = load_model()
     assert model.probabilities(car(**changes), HIGH_M).sum() < 0.5 < model.probabilities(car(), HIGH_M).sum()
+
+
+def test_what_may_go_on_above_the_highest_beam_is_less_surely_a_car():
+    """A face as high as a car's rear: a LiDAR that looks over it sees that it ends there, one that doesn't can't tell
+    it from a wall.
+    """
+    face = car(length_m=2.0, width_m=0.2, top_m=1.2, reach_m=1.25, log2_points=8.0, upper_share=0.5)
+    model = load_model()
+    assert model.probabilities(face, np.array([1.2])).sum() < 0.5 < model.probabilities(face, HIGH_M).sum()
