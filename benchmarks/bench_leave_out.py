@@ -42,7 +42,13 @@ _OLD = (
     "fusion.agreement.radar=0.4",
 )  # fmt: skip
 CANDIDATES: Mapping[str, Sequence[tuple[str, ...]]] = {
-    "late3d": ((), _OLD, *((*_OLD[:at], *_OLD[at + 1 :]) for at in range(len(_OLD)))),
+    "late3d": (
+        (),
+        ("fusion.lidar_weight=0.35",),
+        ("fusion.lidar_weight=0.65",),
+        _OLD,
+        *((*_OLD[:at], *_OLD[at + 1 :]) for at in range(len(_OLD))),
+    ),
     "early2d": ((), ("fusion.measured_share=0",), ("fusion.measured_share=0.2",)),
     "late2d": ((), ("fusion.measured_share=0",), ("fusion.measured_share=0.2",)),
 }

@@ -2,7 +2,8 @@
 
 Drives of development seeds are simulated with LiDARs of 16 to 128 channels on the roof and on the hood or bumper. Each
 cluster is described by `features`, and is a road user where it holds most of what the LiDAR sees of one. The model is
-a multinomial logistic regression over piecewise linear functions of the features; the same inputs give the same file.
+a multinomial logistic regression over piecewise linear functions of the features, which vary with how high the LiDAR
+looks; the same inputs give the same file.
 It takes some minutes: `python benchmarks/fit_road_users.py [OUT.json]`.
 """
 
@@ -65,6 +66,8 @@ KNOTS = {
     "near_share": (0.0, 0.02, 0.1, 0.25, 0.5, 0.8),
 }
 """Where the functions of the features bend."""
+CEILINGS_M = (1.0, 2.0, 4.0)
+"""Heights up to which the LiDAR looks at a cluster, between which the functions change."""
 INVERSE_PENALTY = 0.3  # scikit-learn's C: large coefficients cost, so that few examples don't decide
 WHOLE, PART = 0.4, 0.25
 """Intersection over union of a cluster's points with those in a box: from `WHOLE` on the best cluster of the box is
@@ -95,7 +98,7 @@ def clusters(rig: Rig, cloud: PointCloud, params: LidarParams) -> tuple[Float64,
     points = transform(body_T_sensor, cloud.xyz[np.linalg.norm(cloud.xyz, axis=1) >= params.min_range_m])
     points = points[Outline(params.ego_front_m, params.ego_rear_m, params.ego_side_m).without(points)]
     found = obstacles(points[np.lexsort(points.T[::-1])], params)
-    return sort_by_cluster(found, clustered(found.xyz, params.cluster), body_T_sensor[:2, 3])
+    return sort_by_cluster(found, clustered(found.xyz, params.cluster), body_T_sensor[:3, 3])
 
 
 def match_boxes(boxes: Boxes3D, xyz: Float64, cluster: Int64, num: int) -> tuple[Int64, Float64]:
@@ -131,9 +134,9 @@ def targets(boxes: Boxes3D, best: Int64, iou: Float64) -> Int64:
     return result
 
 
-def examples() -> tuple[Float64, Int64]:
-    """Features (M, F) and classes (M,) of the clusters of all drives."""
-    params, described, classes = LidarParams(), [], []
+def examples() -> tuple[Float64, Float64, Int64]:
+    """Features (M, F), ceilings (M,) and classes (M,) of the clusters of all drives."""
+    params, described, ceilings, classes = LidarParams(), [], [], []
     for world in WORLDS:
         for name, seed in DRIVES:
             for rig, cloud, boxes in frames(world, name, seed):
@@ -141,33 +144,43 @@ def examples() -> tuple[Float64, Int64]:
                 if seen is None:
                     continue
                 described.append(features(seen.standing, seen.rectangles))
+                ceilings.append(seen.ceiling_m)
                 classes.append(targets(boxes, *match_boxes(boxes, xyz, cluster, len(seen.rectangles))))
             print(f"{world} {name} {seed}: {sum(map(len, classes))} clusters so far", flush=True)
-    x, y = np.concatenate(described), np.concatenate(classes)
-    return x[y >= 0], y[y >= 0]
+    x, ceiling, y = np.concatenate(described), np.concatenate(ceilings), np.concatenate(classes)
+    return x[y >= 0], ceiling[y >= 0], y[y >= 0]
 
 
-def fit_model(x: Float64, y: Int64) -> dict[str, object]:
-    """Fit the model to features (M, F) and classes (M,), and return what the file holds."""
+def fit_model(x: Float64, ceiling_m: Float64, y: Int64) -> dict[str, object]:
+    """Fit the model to features (M, F), ceilings (M,) and classes (M,), and return what the file holds.
+
+    Coefficients are a part that all ceilings share and what each from the second on differs by, so that the penalty
+    keeps apart only what the examples do.
+    """
     columns = [interpolation_weights(column, np.array(KNOTS[name])) for name, column in zip(FEATURES, x.T, strict=True)]
-    regression = LogisticRegression(C=INVERSE_PENALTY, max_iter=1000).fit(np.column_stack(columns), y)
+    shared, num = np.column_stack(columns), len(CEILINGS_M)
+    contrast = np.eye(num)[:, 1:] - 1 / num  # (L, L - 1) how much of each difference acts at each ceiling
+    parts = interpolation_weights(ceiling_m, np.array(CEILINGS_M)) @ contrast
+    design = np.column_stack([shared, *(shared * part[:, None] for part in parts.T)])
+    regression = LogisticRegression(C=INVERSE_PENALTY, max_iter=1000).fit(design, y)
     assert regression.classes_.tolist() == list(range(len(LABELS) + 1))
-    weights: Array = regression.coef_[1:] - regression.coef_[0]
-    parts = np.split(weights, np.cumsum([len(KNOTS[name]) for name in FEATURES])[:-1], axis=1)
+    weights: Array = (regression.coef_[1:] - regression.coef_[0]).reshape(len(LABELS), num, -1)
+    at_ceiling = weights[:, 0] + np.einsum("lj,cjk->lck", contrast, weights[:, 1:])
+    ends = np.cumsum([len(KNOTS[name]) for name in FEATURES])[:-1]
     by_feature = {
         name: {"knots": list(KNOTS[name]), "log_odds": np.round(part, 3).tolist()}
-        for name, part in zip(FEATURES, parts, strict=True)
+        for name, part in zip(FEATURES, np.split(at_ceiling, ends, axis=2), strict=True)
     }
     offset = np.round(regression.intercept_[1:] - regression.intercept_[0], 3).tolist()
-    return {"labels": list(LABELS), "offset": offset, "features": by_feature}
+    return {"labels": list(LABELS), "offset": offset, "ceiling_m": list(CEILINGS_M), "features": by_feature}
 
 
 def main() -> None:
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else FITTED
-    x, y = examples()
+    x, ceiling_m, y = examples()
     counts = np.bincount(y, minlength=len(LABELS) + 1).tolist()
     print(", ".join(f"{name} {count}" for name, count in zip(("other", *LABELS), counts, strict=True)))
-    out.write_text(json.dumps(fit_model(x, y), indent=1) + "\n")
+    out.write_text(json.dumps(fit_model(x, ceiling_m, y), indent=1) + "\n")
 
 
 if __name__ == "__main__":

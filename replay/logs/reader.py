@@ -52,7 +52,10 @@ class LogReader:
         every = arrange(roles(container, self.setup.decoders), container, self.setup)
         # A log that fbench converted holds the messages of another program, with their coordinate frames.
         if self.setup.body not in ("", BODY) and any(role.is_own for role in every.values()):
-            raise ConfigError(f"{self.setup.source}: body.frame: in a log that fbench wrote it is '{BODY}'")
+            where = f"{self.setup.source}: body.frame"
+            raise ConfigError(
+                f"{where}: in a log that fbench wrote it is '{BODY}'; if the file describes another log: --config none"
+            )
         self.roles = select(every, topics)
         kept = {role.sensor for role in self.roles.values()}
         self.left_out = frozenset(role.sensor for role in every.values()) - kept

@@ -90,7 +90,7 @@ def _guess_along_ray(scene: Scene, seen: Observed, groups: Groups, row: int, len
     The direction is that of a camera's box, where it shows the whole object.
     """
     one = seen.observations[groups.observation[row]] if groups.observation[row] >= 0 else None
-    eye = scene.eye_m if one is None else one.eye_m[:2]
+    eye = (scene if one is None else one).eye_m[:2]
     ray = scene.cloud.xyz[groups.rows[groups.first[row] : groups.first[row + 1]], :2] - eye
     distance, azimuth = np.sort(np.hypot(ray[:, 0], ray[:, 1])), np.arctan2(ray[:, 1], ray[:, 0])
     near = float(distance[len(distance) // 10])

@@ -92,7 +92,7 @@ class DepthStage:
         has_lidar = bool(rig.sensors("lidar"))
         own = viewpoint(rig, "lidar" if has_lidar else "radar")
         self.eye_m = np.asarray(own if has_lidar or stereo is None else stereo.eye_m, np.float64)
-        """(2,) from where the cloud is seen [m]."""
+        """(3,) from where the cloud is seen [m]."""
         self.shapes = replace(params, judge=params.judge or "model")
         """How shapes are classified: those of stereo by rules."""
         if not has_lidar:
@@ -127,5 +127,5 @@ class Scene:
     cloud: FusedCloud
     plane: Plane | None  # The ground, where it is known
     tall: Float64  # (K, 3) LiDAR points above the height of cars [m]
-    eye_m: Float64  # (2,) from where the cloud is seen [m]
+    eye_m: Float64  # (3,) from where the cloud is seen [m]
     shapes: LidarParams  # How shapes are classified, and what partly seen cars are completed to

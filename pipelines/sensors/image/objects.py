@@ -29,7 +29,7 @@ class Cloud:
     xyz: Float64  # (N, 3) [m] in body coordinates
     height_m: Float64  # (N,) above ground [m]
     tall: Float64  # (K, 3) [m] points above the height of vehicles
-    viewpoint: Float64  # (2,) where the sensors look from [m] in body coordinates
+    viewpoint: Float64  # (3,) where the sensors look from [m] in body coordinates
     moves: Bool  # (N,) whether a point is known to move over ground
     over_ground_mps: Float64
     """(N,) radial velocity over ground [m/s], positive when receding; NaN where it isn't measured."""
@@ -61,7 +61,7 @@ def empty_cloud() -> Cloud:
 
 
 def of_lidar(found: Obstacles, viewpoint: Float64) -> Cloud:
-    """Cloud of what LiDARs at `viewpoint` (2,) [m] measured."""
+    """Cloud of what LiDARs at `viewpoint` (3,) [m] measured."""
     unknown = np.full(len(found.xyz), np.nan)
     return Cloud(
         found.plane, found.xyz, found.height_m, found.tall, viewpoint, unknown > 0, unknown, unknown, 0 * found.height_m
@@ -69,7 +69,7 @@ def of_lidar(found: Obstacles, viewpoint: Float64) -> Cloud:
 
 
 def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: float, params: RadarImageParams) -> Cloud:
-    """Cloud of what radars at `viewpoint` (2,) [m] measured; no points where they are too few to tell the ground. The
+    """Cloud of what radars at `viewpoint` (3,) [m] measured; no points where they are too few to tell the ground. The
     order of echoes doesn't matter.
     """
     if echoes is None or len(echoes.xyz) < max(params.min_echoes, 1):

@@ -119,21 +119,29 @@ FITTED = Path(__file__).with_name("road_users.json")
 
 @dataclass(frozen=True, eq=False)
 class RoadUserModel:
-    """Log-odds of each class against everything else, the sum of one piecewise linear function of each feature."""
+    """Log-odds of each class against everything else, the sum of one piecewise linear function of each feature.
+
+    These functions vary with how high the LiDAR looks (Hastie, Tibshirani, "Varying-coefficient models", Journal of the
+    Royal Statistical Society B, 1993): one that can't see the tops of walls and trees tells them otherwise.
+    """
 
     labels: Text  # (C,) classes
     knots: tuple[Float64, ...]
     """For each feature of `FEATURES` the values (K,) between which its function is linear; beyond them it is level."""
-    log_odds: tuple[Float64, ...]  # For each feature what it adds at its knots for each class (C, K)
+    ceiling_m: Float64  # (L,) ceilings between which the functions are interpolated; beyond them the outermost counts
+    log_odds: tuple[Float64, ...]  # For each feature what it adds at each ceiling for each class at its knots (L, C, K)
     offset: Float64  # (C,) what is added to the sum
 
-    def probabilities(self, features: Float64) -> Float64:
-        """Probabilities (M, C) that clusters with features (M, F) are one road user each of these classes. What is
-        missing to 1 is that of being anything else.
+    def probabilities(self, features: Float64, ceiling_m: Float64) -> Float64:
+        """Probabilities (M, C) that clusters with features (M, F), which the LiDAR sees up to the height `ceiling_m`
+        (M,), are one road user each of these classes. What is missing to 1 is that of being anything else.
         """
-        total = np.tile(self.offset, (len(features), 1))
+        shape = len(features), len(self.ceiling_m), len(self.labels)
+        by_ceiling = np.zeros((shape[0], shape[1] * shape[2]))
         for column, knots, values in zip(features.T, self.knots, self.log_odds, strict=True):
-            total += interpolation_weights(column, knots) @ values.T
+            by_ceiling += interpolation_weights(column, knots) @ values.reshape(-1, len(knots)).T
+        share = interpolation_weights(ceiling_m, self.ceiling_m)[:, :, None]
+        total = self.offset + (by_ceiling.reshape(shape) * share).sum(axis=1)
         least = np.maximum(total.max(axis=1, initial=0.0, keepdims=True), 0.0)
         odds = np.exp(total - least)
         return np.asarray(odds / (odds.sum(axis=1, keepdims=True) + np.exp(-least)), np.float64)
@@ -159,6 +167,7 @@ def load_model() -> RoadUserModel:
     return RoadUserModel(
         np.array(content["labels"], np.str_),
         tuple(np.array(by_feature[name]["knots"], np.float64) for name in FEATURES),
+        np.array(content["ceiling_m"], np.float64),
         tuple(np.array(by_feature[name]["log_odds"], np.float64) for name in FEATURES),
         np.array(content["offset"], np.float64),
     )
@@ -228,7 +237,21 @@ class Seen:
     standing: Standing  # Their points, and those beside and above them
     rectangles: Float64  # (M, 6) as `fit_rectangles` gives them
     plane: Plane  # The ground
-    viewpoint: Float64  # (2,) where the LiDAR is [m]
+    viewpoint: Float64  # (3,) where the LiDAR is [m]
+
+    @property
+    def ceiling_m(self) -> Float64:
+        """Height above ground (M,) up to which the LiDAR looks at each cluster [m], by the point that it saw steepest
+        above itself, at least level: the tops of what reaches higher are out of its sight.
+        """
+        eye_m = float(self.viewpoint[2] - self.plane.z_m(self.viewpoint[None])[0])
+        points = np.concatenate([self.standing.xy_height, self.standing.tall])
+        away = np.hypot(points[:, 0] - self.viewpoint[0], points[:, 1] - self.viewpoint[1])
+        steepest = np.max((points[:, 2] - eye_m) / np.maximum(away, 1.0), initial=0.0)
+        cos, sin = np.cos(self.rectangles[:, 0]), np.sin(self.rectangles[:, 0])
+        along, across = (self.rectangles[:, [1, 2]] + self.rectangles[:, [3, 4]]).T / 2
+        x, y = cos * along - sin * across - self.viewpoint[0], sin * along + cos * across - self.viewpoint[1]
+        return np.asarray(eye_m + steepest * np.hypot(x, y), np.float64)
 
 
 def classify(seen: Seen, judge: str | None, car: VehicleSize, others: OtherSizes, shape: CarShapeParams) -> Boxes3D:
@@ -278,7 +301,7 @@ def road_users(seen: Seen, car: VehicleSize, others: OtherSizes, shape: CarShape
     """
     model = load_model()
     found = features(seen.standing, seen.rectangles)
-    probability = model.probabilities(found)
+    probability = model.probabilities(found, seen.ceiling_m)
     if shape is not None:
         probability = add_rules(probability, np.isin(model.labels, _VEHICLES), _by_rules(seen, shape)[0])
     kind = np.argmax(probability, axis=1)

@@ -105,12 +105,12 @@ def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
 
 
 def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarView:
-    """Cluster obstacles, whose points are in lexicographic order, and judge them, seen from `viewpoint` (2,)."""
+    """Cluster obstacles, whose points are in lexicographic order, and judge them, seen from `viewpoint` (3,)."""
     return classify_obstacles(found, clusters(found.xyz, params.cluster), viewpoint, params)
 
 
 def classify_obstacles(found: Obstacles, cluster: Int64, viewpoint: Float64, params: LidarParams) -> LidarView:
-    """Judge obstacles by their clusters (N,), -1 for none, seen from `viewpoint` (2,); by rules unless told."""
+    """Judge obstacles by their clusters (N,), -1 for none, seen from `viewpoint` (3,); by rules unless told."""
     xyz, cluster, seen = sort_by_cluster(found, cluster, viewpoint)
     how = params.judge, params.size, params.sizes, params.shape
     return LidarView(found.plane, xyz, cluster, Boxes3D.empty() if seen is None else classify(seen, *how))
@@ -310,7 +310,7 @@ class LidarStage:
 
     def detect(self, found: Obstacles) -> LidarView:
         """Detect in obstacles as `obstacles` gives them."""
-        view = complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint)
+        view = complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint[:2])
         self._rejected.count(view)
         return replace(view, plane=self._plane)
 

@@ -190,9 +190,9 @@ def lidar_points(
 
 
 def viewpoint(rig: Rig, kind: Kind) -> Float64:
-    """Where the sensors of a kind look from, (2,) [m] in body coordinates: the middle between them."""
-    places = [rig.body_T_sensor(name)[:2, 3] for name in rig.sensors(kind)]
-    return np.asarray(np.mean(places, axis=0), np.float64) if places else np.zeros(2)
+    """Where the sensors of a kind look from, (3,) [m] in body coordinates: the middle between them."""
+    places = [rig.body_T_sensor(name)[:3, 3] for name in rig.sensors(kind)]
+    return np.asarray(np.mean(places, axis=0), np.float64) if places else np.zeros(3)
 
 
 def radar_scans(rig: Rig, frame: Frame, periods_mps: Mapping[str, float]) -> list[Echoes] | None:

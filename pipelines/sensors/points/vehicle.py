@@ -53,13 +53,13 @@ def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Foot
 
     Rows hold heading [rad], low and high along the heading, low and high across it [m]. Where one edge is longer
     than a car is wide it is the vehicle's side, else the edge that looks longer from where the sensor is is its front
-    or back: an edge seen at a grazing angle is seldom seen to its end. The corner that the sensor at `viewpoint` (2,)
-    sees stays where it is; along an axis in which the sensor is beside the rectangle, its middle does.
+    or back: an edge seen at a grazing angle is seldom seen to its end. The corner that the sensor at `viewpoint` (2 or
+    3,) sees stays where it is; along an axis in which the sensor is beside the rectangle, its middle does.
     """
     extent = rectangles[:, [2, 4]] - rectangles[:, [1, 3]]
     # How far edges, along the heading and across it, are turned towards the viewpoint: 0 to 1.
     heading = rectangles[:, 0]
-    eye = np.stack([_unit(heading) @ viewpoint, _unit(heading + np.pi / 2) @ viewpoint], axis=1)
+    eye = np.stack([_unit(heading) @ viewpoint[:2], _unit(heading + np.pi / 2) @ viewpoint[:2]], axis=1)
     middle = (rectangles[:, [1, 3]] + rectangles[:, [2, 4]]) / 2 - eye
     away = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)
     apparent = extent * (np.abs(middle[:, ::-1]) / away[:, None])

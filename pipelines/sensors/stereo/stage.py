@@ -57,7 +57,7 @@ class StereoStage:
         self._sizes = {name: camera.size_wh for name, camera in rig.cameras.items()}
         self.pair = depth.choose_pair(rig, log_name, params.left, params.right)  # The cameras that are used
         self._how = depth.rectifier(rig, self.pair, params.disparity.shrink)
-        camera, self.eye_m = self._how.camera, self._how.body_T_camera[:2, 3]
+        camera, self.eye_m = self._how.camera, self._how.body_T_camera[:3, 3]
         self._matcher = Matcher(float(camera.K[0, 0]), self._how.baseline_m, camera.size_wh[0], params.disparity)
         self.focal_baseline = float(camera.K[0, 0]) * self._how.baseline_m
         """f B [px m] of the shrunk images: Z = f B / d."""
@@ -153,14 +153,14 @@ class ObjectParams:
 
 
 def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectParams) -> LidarView:
-    """Find vehicles in points (N, 3) in body coordinates [m] and lexicographic order. `eye_m` (2,) is where the left
+    """Find vehicles in points (N, 3) in body coordinates [m] and lexicographic order. `eye_m` (3,) is where the left
     camera is, `focal_baseline` f B [px m] what depth follows from.
     """
     how = params.as_lidar
     found = lidar.obstacles(xyz, how)
     # Points are moved to where a radius of 1 is that of the parameters everywhere: across the line of sight that is the
     # azimuth over eps_rad, along it the integral of dr / (e + k r^2), which is atan(r sqrt(k / e)) / sqrt(k e).
-    x, y = (found.xyz[:, :2] - eye_m).T
+    x, y = (found.xyz[:, :2] - eye_m[:2]).T
     own, growth = params.cluster, 2 * params.cluster.sigma_px / focal_baseline
     along = np.arctan(np.hypot(x, y) * np.sqrt(growth / own.eps_m)) / np.sqrt(growth * own.eps_m)
     cluster = dbscan(np.column_stack([along, np.arctan2(y, x) / own.eps_rad]), 1.0, own.min_points)

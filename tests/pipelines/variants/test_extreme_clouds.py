@@ -77,5 +77,5 @@ def test_from_no_point_to_a_million(make: type[Lidar3D | Radar3D | Early3D], kin
 @pytest.mark.parametrize("kind", KINDS)
 def test_from_no_point_of_stereo_to_a_million(kind: str, num: int):
     xyz = _many(kind, num).astype(np.float64)
-    found = detect(xyz[np.lexsort(xyz.T[::-1])], np.zeros(2), 80.0, ObjectParams())
+    found = detect(xyz[np.lexsort(xyz.T[::-1])], np.zeros(3), 80.0, ObjectParams())
     _require_sound(found.boxes)

@@ -190,5 +190,5 @@ def test_results_must_be_named_where_there_are_several(log):
 
 
 def test_our_own_logs_have_one_body(log):
-    with pytest.raises(ConfigError, match=r"body\.frame: in a log that fbench wrote it is 'body'"):
+    with pytest.raises(ConfigError, match=r"body\.frame: .* it is 'body'; if .* another log: --config none"):
         open_log(log, FaultLog(), (), Setup(body="radar_b", source="fbench.toml"))

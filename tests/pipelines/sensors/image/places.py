@@ -31,4 +31,4 @@ def cloud(*parts, rate_mps=None, own_mps=10.0, order=None):
     rate = np.full(num, np.nan if rate_mps is None else rate_mps)
     own = np.full(num, np.nan if rate_mps is None else own_mps)
     moves = np.abs(rate) > 0.3
-    return Cloud(Plane(0, 0, 0), xyz, xyz[:, 2], np.zeros((0, 3)), np.zeros(2), moves, rate, own, np.zeros(num))
+    return Cloud(Plane(0, 0, 0), xyz, xyz[:, 2], np.zeros((0, 3)), np.zeros(3), moves, rate, own, np.zeros(num))

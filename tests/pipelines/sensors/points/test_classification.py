@@ -5,8 +5,9 @@ import pytest
 from tests.pipelines.frames import cloud, fields, frame, rig
 from tests.pipelines.scenes import road
 
-from fbench.pipelines.sensors.lidar.classification import add_rules
+from fbench.pipelines.sensors.lidar.classification import Seen, Standing, add_rules
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarView, detect, obstacles, resolve_judge
+from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.metadata import SIMULATED
@@ -27,7 +28,7 @@ def box(x_m, y_m, size_lwh, z_m=-1.6, step_m=0.15):
 def view(*parts, judge="model") -> LidarView:
     points = np.concatenate([road(), *parts])
     params = LidarParams(judge=judge)
-    return detect(obstacles(points[np.lexsort(points.T[::-1])], params), np.zeros(2), params)
+    return detect(obstacles(points[np.lexsort(points.T[::-1])], params), np.zeros(3), params)
 
 
 @pytest.mark.parametrize(
@@ -95,3 +96,22 @@ def test_frames_without_boxes_have_the_same_fields_when_the_model_judges():
     for output in (missing, empty):
         assert fields(output.detections) == fields(full.detections)
         assert fields(output.tracks) == fields(full.tracks)
+
+
+def test_how_high_a_lidar_looks_at_what_it_sees():
+    """From 0.6 m above the ground, which lies at z = -1.4, to 0.95 m 10 m away: 0.035 m up for each meter. At 20 m that
+    is 1.3 m, and at 10 m the point itself.
+    """
+    xy_height = np.array([[12.0, 1.0, 0.95], [22.0, 1.0, 0.4]])
+    rectangles = np.array([[0.0, 11.9, 0.5, 12.1, 1.5, 0.0], [0.0, 21.5, 0.0, 22.5, 2.0, 0.0]])
+    seen = Seen(
+        Standing(xy_height, np.array([0, 1, 2]), np.zeros((0, 3))), rectangles, Plane(0.0, 0.0, -1.4),
+        np.array([2.0, 1.0, -0.8]),
+    )  # fmt: skip
+    np.testing.assert_allclose(seen.ceiling_m, [0.95, 1.3])
+
+
+def test_a_lidar_looks_at_least_level():
+    low = Standing(np.array([[10.0, 0.0, 0.5]]), np.array([0, 1]), np.zeros((0, 3)))
+    seen = Seen(low, np.array([[0.0, 9.0, -1.0, 11.0, 1.0, 0.0]]), Plane(0.0, 0.0, 0.0), np.array([0.0, 0.0, 1.8]))
+    np.testing.assert_allclose(seen.ceiling_m, [1.8])

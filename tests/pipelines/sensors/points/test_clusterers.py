@@ -112,7 +112,7 @@ def test_heights_count_on_request():
     xyz = np.concatenate([ground, below, above])
     for with_height, expected in ((False, 1), (True, 2)):
         params = LidarParams(cluster=LidarClusterParams(with_height=with_height))
-        assert len(detect(obstacles(xyz, params), np.zeros(2), params).boxes) == expected
+        assert len(detect(obstacles(xyz, params), np.zeros(3), params).boxes) == expected
 
 
 def test_threads_leave_the_filters_of_warnings_as_they_were():

@@ -4,7 +4,7 @@ from tests.pipelines.scenes import car_back, road
 
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarView, detect, obstacles
 
-EYE = np.zeros(2)
+EYE = np.zeros(3)
 
 
 def view(*parts) -> LidarView:

@@ -41,7 +41,7 @@ def test_points_of_all_lidars_in_body_coordinates_sorted():
     merged = lidar_points(RIG, frame(cloud("front", (5, 0, 0), (1, 1, 0)), cloud("back", (4, 1, 0))), RANGES)
     assert merged is not None
     assert merged == pytest.approx(np.array([[-7.0, -1, 2], [6, 0, 2]]))
-    assert viewpoint(RIG, "lidar").tolist() == [-1.0, 0.0]
+    assert viewpoint(RIG, "lidar").tolist() == [-1.0, 0.0, 2.0]
 
 
 def test_sensors_that_did_not_deliver():
