@@ -259,6 +259,7 @@ class Disturber:
 
     def __init__(self, reader: Reader, disturbance: Disturbance, effects: Effects) -> None:
         self._disturbance, self._effects, self._log_id = disturbance, effects, reader.info.log_id
+        self._clouds: dict[str, PointCloud] = {}
         self._set_rig(reader.rig)
         needs = {need for steps in self._steps.values() for step in steps for need in step.needs}
         self._truths = list(reader.truths()) if "truth" in needs else []
@@ -269,7 +270,6 @@ class Disturber:
         self._rig, self._steps = rig, self._disturbance.steps(rig)
         self._ticking = {name for name, steps in self._steps.items() if any(step.changes_times for step in steps)}
         self._history: dict[str, deque[Measurement]] = {name: deque(maxlen=MAX_HISTORY) for name in self._steps}
-        self._clouds: dict[str, PointCloud] = {}
 
     def _require_truth(self, is_needed: bool) -> None:
         self._truths = [t for t in self._truths if t.boxes3d is not None and not t.in_world]
@@ -293,6 +293,7 @@ class Disturber:
         """Yield what becomes of a message, with its instant before it where conditions change times."""
         if isinstance(recorded, RigChange):
             self._set_rig(recorded.rig)
+            self._clouds = {name: c for name, c in self._clouds.items() if c.log_ns >= recorded.log_ns}  # looked ahead
         if isinstance(recorded, RigChange | Tick | Pose) or recorded.sensor not in self._steps:
             if isinstance(recorded, PointCloud):
                 self._clouds[recorded.sensor] = recorded
