@@ -83,4 +83,5 @@ def plasma(rng: np.random.Generator, size_wh: tuple[int, int], decay: float, oct
     if high <= low:
         return np.full_like(total, 0.5)
     table = np.interp(np.linspace(low, high, _STEPS), known, np.linspace(0, 1, _QUANTILES)).astype(np.float32)
-    return table[np.clip((total - low) * ((_STEPS - 1) / (high - low)), 0, _STEPS - 1).astype(np.int32)]
+    step = np.clip((total - low) * ((_STEPS - 1) / (high - low)), 0, _STEPS - 1).astype(np.int32)
+    return np.asarray(table[step], np.float32)
