@@ -1,7 +1,7 @@
 """One verified replay: its task, what its frames are made of, and the first difference of two."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -10,10 +10,10 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import TypeAdapter
 
-from fbench.replay.contracts.protocols import Pipeline, Reader
+from fbench.replay.contracts.protocols import Pipeline, Reader, ReaderWrapper
 from fbench.replay.data.boxes import Boxes
 from fbench.replay.data.frames import Frame, Output
-from fbench.replay.data.messages import Message, Tick, Truth
+from fbench.replay.data.messages import Message, Tick
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.logs.container import Container
@@ -47,47 +47,16 @@ _OF_CONTAINERS = ("LOG", "PQ", "LIM", "DEC")
 """Faults with these prefixes tell about the container, which another one needn't have."""
 
 
-class WatchedReader:
-    """A reader that chains the digests of the messages it delivers; all else is as with the reader itself."""
+class WatchedReader(ReaderWrapper):
+    """A reader that chains the digests of the messages it delivers."""
 
     def __init__(self, reader: Reader) -> None:
-        self._reader = reader
+        super().__init__(reader)
         self.chain = START
         """Last link."""
 
-    @property
-    def info(self) -> LogInfo:
-        """Name, id and metadata."""
-        return self._reader.info
-
-    @property
-    def rig(self) -> Rig:
-        """Sensors as the log begins."""
-        return self._reader.rig
-
-    @property
-    def num_messages(self) -> Mapping[str, int]:
-        """By name of the sensor."""
-        return self._reader.num_messages
-
-    @property
-    def poses(self) -> tuple[str, ...]:
-        """Names of the streams of poses."""
-        return self._reader.poses
-
-    def truths(self) -> Iterator[Truth]:
-        """Ground truth."""
-        return self._reader.truths()
-
-    def messages(self) -> Iterator[Message | RigChange | Tick]:
-        """All messages."""
-        return self._watch(self._reader.messages())
-
-    def events(self) -> Iterator[Message | RigChange | Tick]:
-        """All messages, and the instants of boxes."""
-        return self._watch(self._reader.events())
-
-    def _watch(self, messages: Iterator[T]) -> Iterator[T]:
+    def pass_on(self, messages: Iterator[Message | RigChange | Tick]) -> Iterator[Message | RigChange | Tick]:
+        """Yield messages as they are, and chain their digests."""
         for message in messages:
             self.chain = link(self.chain, digest(message))
             yield message

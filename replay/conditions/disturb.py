@@ -3,7 +3,7 @@
 import heapq
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import groupby, islice
@@ -26,12 +26,12 @@ from fbench.replay.contracts.conditions import (
     needs_of,
 )  # fmt: skip
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, LogError, RunError, one_line
-from fbench.replay.contracts.protocols import Reader
+from fbench.replay.contracts.protocols import Reader, ReaderWrapper
 from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import decode
-from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Tick, Truth
-from fbench.replay.data.rig import KINDS, LogInfo, LogSpan, Rig, RigChange
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Tick
+from fbench.replay.data.rig import KINDS, LogSpan, Rig, RigChange
 
 Event: TypeAlias = Message | RigChange | Tick
 
@@ -213,8 +213,8 @@ def make_site(disturbance: Disturbance, step: Step, log_id: str, rig: Rig, senso
     return Site(key, rig, sensor, rig.kinds[sensor], first_ns, last_ns, period_ns)
 
 
-class DisturbedReader:
-    """A log under conditions; implements `fbench.replay.contracts.protocols.Reader`.
+class DisturbedReader(ReaderWrapper):
+    """A log under conditions.
 
     Messages come in canonical order of when they are delivered. Where conditions change times, each message of the
     sensor is preceded by a `Tick` as it was recorded, so that frames keep their instants. Truth, poses and the rig
@@ -222,44 +222,14 @@ class DisturbedReader:
     """
 
     def __init__(self, reader: Reader, disturbance: Disturbance, effects: Effects) -> None:
-        self._reader, self._disturbance, self._effects = reader, disturbance, effects
+        super().__init__(reader)
+        self._disturbance, self._effects = disturbance, effects
         disturbance.require_fits(reader.rig)
 
-    @property
-    def info(self) -> LogInfo:
-        """Name, id and metadata."""
-        return self._reader.info
-
-    @property
-    def rig(self) -> Rig:
-        """Sensors as the log begins."""
-        return self._reader.rig
-
-    @property
-    def num_messages(self) -> Mapping[str, int]:
-        """As recorded."""
-        return self._reader.num_messages
-
-    @property
-    def poses(self) -> tuple[str, ...]:
-        """Names of the streams of poses."""
-        return self._reader.poses
-
-    def truths(self) -> Iterator[Truth]:
-        """Ground truth."""
-        return self._reader.truths()
-
-    def messages(self) -> Iterator[Event]:
-        """All messages as they are delivered."""
-        return self._disturb(self._reader.messages())
-
-    def events(self) -> Iterator[Event]:
-        """The same with the instants of boxes."""
-        return self._disturb(self._reader.events())
-
-    def _disturb(self, recorded: Iterator[Event]) -> Iterator[Event]:
+    def pass_on(self, messages: Iterator[Event]) -> Iterator[Event]:
+        """Yield all messages as they are delivered."""
         disturber = Disturber(self._reader, self._disturbance, self._effects)
-        known = disturber.look_ahead(recorded, lambda item: item.log_ns, lambda item: item)
+        known = disturber.look_ahead(messages, lambda item: item.log_ns, lambda item: item)
         return in_order_of_delivery(known, disturber.disturb, lambda item: item.log_ns)
 
 
@@ -289,6 +259,7 @@ class Disturber:
 
     def __init__(self, reader: Reader, disturbance: Disturbance, effects: Effects) -> None:
         self._disturbance, self._effects, self._log_id = disturbance, effects, reader.info.log_id
+        self._clouds: dict[str, PointCloud] = {}
         self._set_rig(reader.rig)
         needs = {need for steps in self._steps.values() for step in steps for need in step.needs}
         self._truths = list(reader.truths()) if "truth" in needs else []
@@ -299,7 +270,6 @@ class Disturber:
         self._rig, self._steps = rig, self._disturbance.steps(rig)
         self._ticking = {name for name, steps in self._steps.items() if any(step.changes_times for step in steps)}
         self._history: dict[str, deque[Measurement]] = {name: deque(maxlen=MAX_HISTORY) for name in self._steps}
-        self._clouds: dict[str, PointCloud] = {}
 
     def _require_truth(self, is_needed: bool) -> None:
         self._truths = [t for t in self._truths if t.boxes3d is not None and not t.in_world]
@@ -323,6 +293,7 @@ class Disturber:
         """Yield what becomes of a message, with its instant before it where conditions change times."""
         if isinstance(recorded, RigChange):
             self._set_rig(recorded.rig)
+            self._clouds = {name: c for name, c in self._clouds.items() if c.log_ns >= recorded.log_ns}  # looked ahead
         if isinstance(recorded, RigChange | Tick | Pose) or recorded.sensor not in self._steps:
             if isinstance(recorded, PointCloud):
                 self._clouds[recorded.sensor] = recorded

@@ -1,7 +1,8 @@
 """Drawing, removing and moving the points of clouds and radar scans, all fields of a point alike."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
+from functools import wraps
 from math import floor
 from typing import Any, ClassVar, TypeVar
 
@@ -12,6 +13,7 @@ from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.messages import PointCloud, RadarScan
 from fbench.replay.data.rig import Kind
 
+C = TypeVar("C")
 P = TypeVar("P", bound=PointCloud | RadarScan)
 
 
@@ -74,17 +76,6 @@ class OnClouds:
 
     version: ClassVar[int] = 1
     kinds: ClassVar[Sequence[Kind]] = ("lidar",)
-    levels: ClassVar[Mapping[str, Sequence[float]]]
-
-    def change(self, cloud: PointCloud, level: Level, site: Site) -> PointCloud:
-        """Return what becomes of a cloud."""
-        raise NotImplementedError
-
-    def disturb(self, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
-        """Change the cloud, unless it is empty."""
-        if isinstance(message, PointCloud) and len(message.xyz):
-            return (self.change(message, level, site),)
-        return (message,)
 
 
 class OnScans:
@@ -92,14 +83,31 @@ class OnScans:
 
     version: ClassVar[int] = 1
     kinds: ClassVar[Sequence[Kind]] = ("radar",)
-    levels: ClassVar[Mapping[str, Sequence[float]]]
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
-        """Return what becomes of a scan."""
-        raise NotImplementedError
 
-    def disturb(self, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
-        """Change the scan, unless it is empty."""
-        if isinstance(message, RadarScan) and len(message.xyz):
-            return (self.change(message, level, site),)
+def for_clouds(
+    change: Callable[[C, PointCloud, Level, Site], PointCloud],
+) -> Callable[[C, Measurement, Level, Site], Sequence[Measurement]]:
+    """Make `Condition.disturb` of a method that changes clouds; those without points stay."""
+
+    @wraps(change)
+    def disturb(condition: C, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
+        if isinstance(message, PointCloud) and len(message.xyz):
+            return (change(condition, message, level, site),)
         return (message,)
+
+    return disturb
+
+
+def for_scans(
+    change: Callable[[C, RadarScan, Level, Site], RadarScan],
+) -> Callable[[C, Measurement, Level, Site], Sequence[Measurement]]:
+    """Make `Condition.disturb` of a method that changes radar scans; those without echoes stay."""
+
+    @wraps(change)
+    def disturb(condition: C, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
+        if isinstance(message, RadarScan) and len(message.xyz):
+            return (change(condition, message, level, site),)
+        return (message,)
+
+    return disturb

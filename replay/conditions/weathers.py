@@ -7,7 +7,7 @@ from fbench.replay.conditions.camera.weather import disturb_image
 from fbench.replay.conditions.lidar.weather import disturb_cloud
 from fbench.replay.conditions.radar.weather import disturb_scan
 from fbench.replay.conditions.weather import Weather
-from fbench.replay.contracts.conditions import Level, Measurement, Site
+from fbench.replay.contracts.conditions import Level, MakesWeather, Measurement, Site
 from fbench.replay.data.messages import Image, PointCloud
 from fbench.replay.data.rig import Kind
 
@@ -30,11 +30,7 @@ class _AllSensors:
     version: ClassVar[int] = 1
     kinds: ClassVar[Sequence[Kind]] = ("camera", "lidar", "radar")
 
-    def weather(self, level: Level) -> Weather:
-        """Return the weather of a level."""
-        raise NotImplementedError
-
-    def disturb(self, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
+    def disturb(self: MakesWeather, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
         """Return the message in this weather alone."""
         return (disturb_by_weather(message, self.weather(level), site),)
 

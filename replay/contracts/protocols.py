@@ -45,6 +45,49 @@ class Reader(Protocol):
         """Ground truth in the order of its stamps."""
 
 
+class ReaderWrapper:
+    """A log whose messages pass through `pass_on`, which gives them as they are; all else is as with the reader."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+
+    @property
+    def info(self) -> LogInfo:
+        """Name, id and metadata."""
+        return self._reader.info
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors as the log begins."""
+        return self._reader.rig
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        """As recorded."""
+        return self._reader.num_messages
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses."""
+        return self._reader.poses
+
+    def truths(self) -> Iterator[Truth]:
+        """Ground truth."""
+        return self._reader.truths()
+
+    def messages(self) -> Iterator[Message | RigChange | Tick]:
+        """All messages, passed on."""
+        return self.pass_on(self._reader.messages())
+
+    def events(self) -> Iterator[Message | RigChange | Tick]:
+        """The same with the instants of boxes."""
+        return self.pass_on(self._reader.events())
+
+    def pass_on(self, messages: Iterator[Message | RigChange | Tick]) -> Iterator[Message | RigChange | Tick]:
+        """Yield what becomes of messages."""
+        return messages
+
+
 class Recording(Protocol):
     """One sequence of a dataset, which becomes one log."""
 

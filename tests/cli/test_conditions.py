@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,11 +10,17 @@ import numpy as np
 import pytest
 from tests.cli.conftest import messages, rig, write_log
 
+from fbench.api.verify_child import run
+from fbench.replay.check.difference import Outcome, VerifyTask, first_difference
 from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.plugins import entry_points_of
+from fbench.replay.contracts.street import Street
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, PointCloud
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.folder import Run
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
 
 DUST = str(Path(__file__).resolve().parents[2] / "examples" / "dust.py")
 PLUGIN = """
@@ -204,6 +211,24 @@ def test_conditions_are_listed_and_described(fbench, plugin, monkeypatch):
     assert "Adds levels to every pixel." in mine
     refused = fbench("plugins", "conditions", "lidar.fogg")
     assert (refused.code, "did you mean" in refused.err) == (2, True)
+
+
+@pytest.mark.slow
+def test_verify_holds_under_every_condition(tmp_path):
+    """What `fbench verify` compares, in this process: frames, messages, boxes, faults and scores of a paced replay of
+    the log as Parquet, all of it read in advance, are those of the log itself.
+    """
+    street = Street(4)
+    log = write_log(tmp_path / "street.mcap", [*street.messages(), *street.truths()], street.rig)
+    for name in entry_points_of("conditions"):
+        request = ReplayRequest(LogRequest(log), "late3d", condition=f"{name}:4", seed=3, on_fault="tolerant")
+        paced = replace(request, rate="20", read_ahead="all")
+        run(VerifyTask(request, tmp_path / name / "base"))
+        run(VerifyTask(paced, tmp_path / name / "other", form="parquet"))
+        base, other = (Outcome(tmp_path / name / folder) for folder in ("base", "other"))
+        assert (name, first_difference(base, other, same_container=False)) == (name, None)
+        assert len(base.run.frames) == 4
+        assert base.run.manifest.effects
 
 
 @pytest.mark.slow

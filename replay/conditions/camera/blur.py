@@ -7,7 +7,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from fbench.replay.conditions.camera.image_condition import ImageCondition
+from fbench.replay.conditions.camera.image_condition import ImageCondition, for_images
 from fbench.replay.contracts.conditions import Level, Site
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.images import Pixels
@@ -25,7 +25,8 @@ class MotionBlur(ImageCondition):
         "radius_px": (10.0, 15.0, 15.0, 15.0, 20.0), "sigma_px": (3.0, 5.0, 8.0, 12.0, 15.0),
     }  # fmt: skip
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Blur along the line."""
         angle_deg = site.rng_of(image).uniform(-45, 45)
         return blur_along(pixels, round(level["radius_px"]), level["sigma_px"], angle_deg)
@@ -41,7 +42,8 @@ class Defocus(ImageCondition):
         "radius_px": (3.0, 4.0, 6.0, 8.0, 10.0), "soft_px": (0.1, 0.5, 0.5, 0.5, 0.5),
     }  # fmt: skip
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Blur all around."""
         return filter_image(pixels, disc(level["radius_px"], level["soft_px"]))
 

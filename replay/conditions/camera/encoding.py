@@ -6,7 +6,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from fbench.replay.conditions.camera.image_condition import ImageCondition
+from fbench.replay.conditions.camera.image_condition import ImageCondition, for_images
 from fbench.replay.contracts.conditions import Level, Site
 from fbench.replay.data.images import Pixels, encode_jpeg
 from fbench.replay.data.messages import Image
@@ -20,7 +20,8 @@ class JpegArtifacts(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"quality": (25.0, 18.0, 15.0, 10.0, 7.0)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Encode and decode."""
         data = np.frombuffer(encode_jpeg(pixels, round(level["quality"])), np.uint8)
         return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
@@ -34,7 +35,8 @@ class Pixelation(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"scale_share": (0.6, 0.5, 0.4, 0.3, 0.25)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Scale down and up."""
         height, width = pixels.shape[:2]
         size = (max(1, int(width * level["scale_share"])), max(1, int(height * level["scale_share"])))
@@ -50,7 +52,8 @@ class Quantization(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"bits": (5.0, 4.0, 3.0, 2.0, 1.0)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Round."""
         most = 2 ** round(level["bits"]) - 1
         step = (np.arange(256) * 2 * most + 255) // 510

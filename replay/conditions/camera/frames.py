@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fbench.replay.conditions.camera.image_condition import ImageCondition
+from fbench.replay.conditions.camera.image_condition import ImageCondition, for_images
 from fbench.replay.contracts.conditions import Level, Measurement, Site
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.messages import Image
@@ -23,7 +23,8 @@ class CameraCrash(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"crashed_share": (1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Return black where this camera is drawn."""
         cameras = site.rig.sensors("camera")
         num = min(len(cameras), max(1, int(level["crashed_share"] * len(cameras) + 0.5)))
@@ -39,7 +40,8 @@ class LostFrames(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"lost_share": (0.17, 0.33, 0.5, 0.67, 0.83)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Return black, or the image."""
         return np.zeros_like(pixels) if site.rng_of(image).random() < level["lost_share"] else pixels
 

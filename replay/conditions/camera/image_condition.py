@@ -1,14 +1,17 @@
-"""Base of camera conditions: pixels in, pixels out."""
+"""Conditions of cameras: pixels in, pixels out."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import ClassVar
+from functools import wraps
+from typing import ClassVar, TypeVar
 
 from fbench.replay.contracts.conditions import Level, Measurement, Site
 from fbench.replay.data.arrays import Float32
 from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image
 from fbench.replay.data.rig import Kind
+
+C = TypeVar("C")
 
 
 def edit_image(image: Image, edit: Callable[[Pixels], Pixels]) -> Image:
@@ -30,18 +33,23 @@ def hide(pixels: Pixels, layer: Float32, bgr: tuple[float, float, float]) -> Pix
 
 
 class ImageCondition:
-    """A condition of cameras, which implements `fbench.replay.contracts.conditions.Condition`."""
+    """What conditions of cameras have in common."""
 
     version: ClassVar[int] = 1
     kinds: ClassVar[Sequence[Kind]] = ("camera",)
-    levels: ClassVar[Mapping[str, Sequence[float]]] = {}
 
-    def disturb(self, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
-        """Return the message with its pixels edited."""
+
+def for_images(
+    edit: Callable[[C, Pixels, Level, Image, Site], Pixels],
+) -> Callable[[C, Measurement, Level, Site], Sequence[Measurement]]:
+    """Make `Condition.disturb` of a method that gives a new image (H, W, 3), BGR, or the same, for pixels of an image;
+    what can't be decoded stays.
+    """
+
+    @wraps(edit)
+    def disturb(condition: C, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
         if not isinstance(message, Image):
             return (message,)
-        return (edit_image(message, lambda pixels: self.edit(pixels, level, message, site)),)
+        return (edit_image(message, lambda pixels: edit(condition, pixels, level, message, site)),)
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
-        """Return a new image (H, W, 3) of the pixels of `image`, BGR."""
-        raise NotImplementedError
+    return disturb

@@ -6,7 +6,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from fbench.replay.conditions.camera.image_condition import ImageCondition, hide
+from fbench.replay.conditions.camera.image_condition import ImageCondition, for_images, hide
 from fbench.replay.contracts.conditions import Level, Site
 from fbench.replay.data.arrays import Float32
 from fbench.replay.data.images import Pixels
@@ -27,7 +27,8 @@ class SunGlare(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"radius_px": (30.0, 40.0, 50.0, 60.0, 70.0)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Add the disc and its halo."""
         height, width = pixels.shape[:2]
         right, down = site.rng_of_place("sun").uniform((0.25, 0.30), (0.75, 0.45))
@@ -47,7 +48,8 @@ class LensDirt(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"dirty_share": (0.02, 0.05, 0.10, 0.20, 0.30)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Cover the spots."""
         height, width = pixels.shape[:2]
         return hide(pixels, dirt(site.rng_of_place("dirt"), (width, height), level["dirty_share"]), _MUD)

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fbench.replay.conditions.camera.image_condition import ImageCondition
+from fbench.replay.conditions.camera.image_condition import ImageCondition, for_images
 from fbench.replay.conditions.camera.kernels import brighten
 from fbench.replay.conditions.camera.noise import add_noise, sensor_table
 from fbench.replay.contracts.conditions import Level, Site
@@ -31,7 +31,8 @@ class LowLight(ImageCondition):
         "white_share": _WHITE, "photons": _PHOTONS, "sigma_share": _READ_NOISE,
     }  # fmt: skip
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Darken, and add noise."""
         return dim(pixels, level["white_share"], level["photons"], level["sigma_share"], site.rng_of(image))
 
@@ -44,7 +45,8 @@ class Overexposure(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"added_share": (0.1, 0.2, 0.3, 0.4, 0.5)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Brighten."""
         return brighten(pixels.reshape(-1), round(255 * level["added_share"])).reshape(pixels.shape)
 

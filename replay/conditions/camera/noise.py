@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import gammaln, ndtr, xlogy
 
-from fbench.replay.conditions.camera.image_condition import ImageCondition
+from fbench.replay.conditions.camera.image_condition import ImageCondition, for_images
 from fbench.replay.conditions.camera.kernels import exchange, is_gray
 from fbench.replay.contracts.conditions import Level, Site
 from fbench.replay.data.arrays import Array, Float64
@@ -31,7 +31,8 @@ class GaussianNoise(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"sigma_share": (0.08, 0.12, 0.18, 0.26, 0.38)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Add noise to every value."""
         return add_noise(pixels, _gaussian(level["sigma_share"]), site.rng_of(image))
 
@@ -44,7 +45,8 @@ class ShotNoise(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"photons": (60.0, 25.0, 12.0, 5.0, 3.0)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Draw every value anew."""
         return add_noise(pixels, sensor_table(tuple(_VALUES.tolist()), level["photons"], 0.0), site.rng_of(image))
 
@@ -57,7 +59,8 @@ class ImpulseNoise(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"impulse_share": (0.03, 0.06, 0.09, 0.17, 0.27)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Replace some values."""
         return add_noise(pixels, _impulse(level["impulse_share"]), site.rng_of(image))
 
@@ -70,7 +73,8 @@ class UniformNoise(ImageCondition):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"width_share": (0.08, 0.12, 0.18, 0.26, 0.38)}
 
-    def edit(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
+    @for_images
+    def disturb(self, pixels: Pixels, level: Level, image: Image, site: Site) -> Pixels:
         """Add noise to every value."""
         return add_noise(pixels, _uniform(level["width_share"]), site.rng_of(image))
 

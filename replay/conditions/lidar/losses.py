@@ -6,25 +6,15 @@ from typing import ClassVar
 import numpy as np
 
 from fbench.replay.conditions import objects
-from fbench.replay.conditions.points import OnClouds, count_share, draw_mask, keep_points, smallest
+from fbench.replay.conditions.points import OnClouds, count_share, draw_mask, for_clouds, keep_points, smallest
 from fbench.replay.contracts.conditions import Level, Need, Site
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.rig import Kind
 from fbench.replay.geometry.transforms import transform
 
 
-class _Losses(OnClouds):
-    def keep(self, cloud: PointCloud, level: Level, site: Site) -> Bool:
-        """Return which points (N,) stay."""
-        raise NotImplementedError
-
-    def change(self, cloud: PointCloud, level: Level, site: Site) -> PointCloud:
-        """Return the cloud of those that stay, in their order."""
-        return keep_points(cloud, self.keep(cloud, level, site))
-
-
-class BeamDrop(_Losses):
+class BeamDrop(OnClouds):
     """Whole beams are dead for the whole log: round(share * rings) of the rings that a cloud has, drawn without
     replacement, each log's own.
 
@@ -35,19 +25,20 @@ class BeamDrop(_Losses):
     needs: ClassVar[Sequence[Need]] = ("ring",)
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"lost_share": (0.25, 0.5, 0.625, 0.75, 0.875)}
 
-    def keep(self, cloud: PointCloud, level: Level, site: Site) -> Bool:
+    @for_clouds
+    def disturb(self, cloud: PointCloud, level: Level, site: Site) -> PointCloud:
         """Order all rings by random numbers of the log, and drop the first of those that the cloud has."""
         rings = np.unique(np.zeros(0, np.uint16) if cloud.ring is None else cloud.ring)
         if cloud.ring is None or len(rings) < 2:
-            return np.ones(len(cloud.xyz), bool)
+            return cloud
         order = site.rng("beams").random(int(rings[-1]) + 1)[rings]
         dead = np.zeros(int(rings[-1]) + 1, bool)
         num = min(count_share(len(rings), level["lost_share"]), len(rings) - 1)
         dead[rings[np.argsort(order, kind="stable")[:num]]] = True
-        return np.asarray(~dead[cloud.ring])
+        return keep_points(cloud, np.asarray(~dead[cloud.ring]))
 
 
-class Density(_Losses):
+class Density(OnClouds):
     """Points are lost, whatever they are of: round(share * N), drawn without replacement.
 
     Levels of Dong et al. (CVPR 2023): up to 30 %.
@@ -55,12 +46,13 @@ class Density(_Losses):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"lost_share": (0.06, 0.12, 0.18, 0.24, 0.30)}
 
-    def keep(self, cloud: PointCloud, level: Level, site: Site) -> Bool:
+    @for_clouds
+    def disturb(self, cloud: PointCloud, level: Level, site: Site) -> PointCloud:
         """Draw what is lost."""
-        return ~draw_mask(site.rng_of(cloud), len(cloud.xyz), level["lost_share"])
+        return keep_points(cloud, ~draw_mask(site.rng_of(cloud), len(cloud.xyz), level["lost_share"]))
 
 
-class FieldOfView(_Losses):
+class FieldOfView(OnClouds):
     """Only points ahead are left: |azimuth| <= half of the field of view, from the sensor, in the body's axes.
 
     Levels of Dong et al. (CVPR 2023): 105 to 45 degrees to each side.
@@ -68,13 +60,14 @@ class FieldOfView(_Losses):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"half_fov_deg": (105.0, 90.0, 75.0, 60.0, 45.0)}
 
-    def keep(self, cloud: PointCloud, level: Level, site: Site) -> Bool:
+    @for_clouds
+    def disturb(self, cloud: PointCloud, level: Level, site: Site) -> PointCloud:
         """Compare azimuths; points without one stay."""
         x, y, _ = _toward(cloud, site).T
-        return np.asarray(~(np.abs(np.arctan2(y, x)) > np.radians(level["half_fov_deg"])))
+        return keep_points(cloud, np.asarray(~(np.abs(np.arctan2(y, x)) > np.radians(level["half_fov_deg"]))))
 
 
-class Cutout(_Losses):
+class Cutout(OnClouds):
     """Holes: of each the 2 % of the cloud's points that are nearest to one of its points, drawn evenly from those that
     are left. Equally near ones go in their order.
 
@@ -85,7 +78,8 @@ class Cutout(_Losses):
         "holes": (2.0, 3.0, 5.0, 7.0, 10.0), "share_each": (0.02,) * 5,
     }  # fmt: skip
 
-    def keep(self, cloud: PointCloud, level: Level, site: Site) -> Bool:
+    @for_clouds
+    def disturb(self, cloud: PointCloud, level: Level, site: Site) -> PointCloud:
         """Cut one hole after the other."""
         rng, left = site.rng_of(cloud), np.flatnonzero(np.isfinite(cloud.xyz).all(axis=1))
         keep = np.ones(len(cloud.xyz), bool)
@@ -98,7 +92,7 @@ class Cutout(_Losses):
             cut = smallest(away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2], num)
             keep[left[cut]] = False
             left = np.delete(left, cut)
-        return keep
+        return keep_points(cloud, keep)
 
 
 class IncompleteEcho(objects.Density):
@@ -111,7 +105,7 @@ class IncompleteEcho(objects.Density):
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"removed_share": (0.55, 0.65, 0.75, 0.85, 0.95)}
 
 
-class Occluder(_Losses):
+class Occluder(OnClouds):
     """A wall across the view, at 8 m from the sensor, at one azimuth for the whole log, up to 60 degrees from straight
     ahead: what lies behind it, however high, is gone. Its own echoes aren't added.
 
@@ -122,14 +116,15 @@ class Occluder(_Losses):
         "width_m": (0.5, 1.0, 2.0, 3.0, 4.0), "distance_m": (8.0,) * 5,
     }  # fmt: skip
 
-    def keep(self, cloud: PointCloud, level: Level, site: Site) -> Bool:
+    @for_clouds
+    def disturb(self, cloud: PointCloud, level: Level, site: Site) -> PointCloud:
         """Remove what is farther along the axis of the shadow than the wall, and within its angle."""
         azimuth = np.radians(site.rng("azimuth").uniform(-60.0, 60.0))
         x, y, _ = _toward(cloud, site).T
         along, across = np.cos(azimuth) * x + np.sin(azimuth) * y, np.cos(azimuth) * y - np.sin(azimuth) * x
         distance_m = level["distance_m"]
         hidden = (along > distance_m) & (np.abs(across) < along * (level["width_m"] / 2 / distance_m))
-        return np.asarray(~hidden)
+        return keep_points(cloud, np.asarray(~hidden))
 
 
 def _toward(cloud: PointCloud, site: Site) -> Float64:

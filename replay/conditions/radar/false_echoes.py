@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fbench.replay.conditions.points import OnScans, count_share, draw_mask, polar
+from fbench.replay.conditions.points import OnScans, count_share, draw_mask, for_scans, polar
 from fbench.replay.conditions.radar.echoes import Sensitivity, append, cartesian, standing_mps
 from fbench.replay.contracts.conditions import Level, Site
 from fbench.replay.data.arrays import Float64
@@ -45,7 +45,8 @@ class Clutter(OnScans):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"echoes": (2.0, 5.0, 10.0, 20.0, 40.0)}
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Add clutter."""
         return add_clutter(scan, level["echoes"], site.rng_of(scan))
 
@@ -59,7 +60,8 @@ class Ghost(OnScans):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"share": (0.05, 0.1, 0.2, 0.3, 0.5)}
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Add the ghosts, drawn without replacement, in the order of their echoes."""
         rng, sensitivity = site.rng_of(scan), Sensitivity(scan)
         range_m = polar(scan.xyz)[0]
@@ -89,7 +91,8 @@ class Spurious(OnScans):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"share": (0.1, 0.2, 0.3, 0.4, 0.5)}
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Add round(share * N) points."""
         rng, (range_m, azimuth, _) = site.rng_of(scan), _known(scan)
         if not len(range_m):

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fbench.replay.conditions.points import OnScans, draw_mask, draw_rows, keep_points, move_points, polar
+from fbench.replay.conditions.points import OnScans, draw_mask, draw_rows, for_scans, keep_points, move_points, polar
 from fbench.replay.conditions.radar.echoes import Sensitivity, cartesian
 from fbench.replay.contracts.conditions import Level, Need, Site
 from fbench.replay.contracts.errors import LogError
@@ -18,7 +18,8 @@ class PointLoss(OnScans):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"lost_share": (0.1, 0.2, 0.3, 0.4, 0.5)}
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Draw what is lost."""
         return keep_points(scan, ~draw_mask(site.rng_of(scan), len(scan.xyz), level["lost_share"]))
 
@@ -30,7 +31,8 @@ class Interference(OnScans):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"noise_db": (3.0, 6.0, 9.0, 12.0, 15.0)}
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Lose the weak ones."""
         return keep_points(scan, np.asarray(Sensitivity(scan).margin_db >= level["noise_db"]))
 
@@ -42,7 +44,8 @@ class Shift(OnScans):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"sigma_m": (0.1, 0.2, 0.4, 0.8, 1.6)}
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Move all points."""
         xyz = scan.xyz.astype(np.float64)
         xyz[:, :2] += site.rng_of(scan).normal(0.0, level["sigma_m"], (len(xyz), 2))
@@ -56,7 +59,8 @@ class AzimuthError(OnScans):
 
     levels: ClassVar[Mapping[str, Sequence[float]]] = {"sigma_deg": (0.25, 0.5, 1.0, 2.0, 4.0)}
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Turn all points."""
         range_m, azimuth, altitude = polar(scan.xyz)
         azimuth = azimuth + np.radians(site.rng_of(scan).normal(0.0, level["sigma_deg"], len(azimuth)))
@@ -73,7 +77,8 @@ class Resolution(OnScans):
         "cell_m": (0.25, 0.5, 1.0, 2.0, 4.0), "cell_deg": (0.75, 1.5, 3.0, 6.0, 12.0),
     }  # fmt: skip
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Keep one echo a cell, in the order of the strongest ones."""
         scan = keep_points(scan, np.asarray(np.isfinite(scan.xyz).all(axis=1)))
         range_m, azimuth, altitude = polar(scan.xyz)
@@ -105,7 +110,8 @@ class Nonpositional(OnScans):
         "sigma_db": (1.0, 2.0, 4.0, 6.0, 8.0), "sigma_mps": (0.1, 0.25, 0.5, 1.0, 2.0),
     }  # fmt: skip
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Draw for all points. Raises LogError where the sensor gives neither."""
         if scan.rcs_dbsm is None and scan.radial_velocity_mps is None:
             raise LogError(f"condition 'radar.nonpositional' can't act: '{scan.sensor}' has no rcs, velocity", "COR002")
@@ -128,7 +134,8 @@ class DopplerAlias(OnScans):
         "share": (0.02, 0.05, 0.1, 0.2, 0.4), "interval_mps": (20.0,) * 5,
     }  # fmt: skip
 
-    def change(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
+    @for_scans
+    def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
         """Take from those that recede, add to those that approach."""
         if scan.radial_velocity_mps is None:
             return scan

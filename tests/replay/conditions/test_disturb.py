@@ -271,6 +271,21 @@ def test_history_and_clouds_end_where_the_rig_changes():
     assert [site.cloud is None for site in bright.sites] == [False, False, True, False]
 
 
+def test_an_image_gets_the_cloud_that_comes_with_it_also_where_the_rig_changes():
+    """As in KITTI's single frames, each with a calibration of its own."""
+    log, bright = Street(2), Bright()
+    items = sorted(log.messages(), key=lambda m: (m.log_ns, m.sensor))  # the camera's first
+    change = RigChange(items[3].log_ns, log.rig, ("lidar",))
+
+    @dataclass
+    class Changing(FakeLog):
+        def messages(self):
+            yield from [*items[:3], change, *items[3:]]
+
+    disturb(Changing(items, rig=log.rig), part(bright))
+    assert [site.cloud.stamp_ns for site in bright.sites] == [items[0].stamp_ns, items[3].stamp_ns]
+
+
 def test_what_a_log_lacks_is_an_error():
     with pytest.raises(LogError, match=r"condition mine\.lidar:2 can't act: 'lidar' has no ring") as found:
         disturb(drive(2), part(Shift(("ring",)), sensors="lidar"))

@@ -60,8 +60,7 @@ def test_every_severity_changes_more_and_no_input(name):
             assert given.data == street(n).tobytes()
         changes.append(total)
     assert changes[0] > 0
-    assert (np.diff(changes) >= -0.02 * changes[-1]).all()  # the fractals of fog differ by chance
-    assert changes[-1] > changes[0]
+    assert (np.diff(changes) > 0).all()
 
 
 @pytest.mark.parametrize("name", NAMES)
