@@ -26,7 +26,7 @@ TALLY, PAGE = Path(__file__).parent / "tally.json", ROOT / "docs" / "faults.md"
 INTERRUPTS = TALLY.with_name("interrupts.json")  # What `tests.hostile.interrupt` keeps
 _COMMANDS = ("replay", "convert", "import", "report", "demo", "bench")
 BEGIN, END = "<!-- begin: what was tried -->\n", "<!-- end: what was tried -->\n"
-_BATCH = 1000
+_BATCH = 2000  # Of which each begins with seconds of imports
 _MAX_WAIT_S = 300  # Without a word from a worker; a case that takes so long is in code that no signal interrupts
 Tally = dict[str, dict[str, int]]
 
