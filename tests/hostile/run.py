@@ -8,6 +8,7 @@ import argparse
 import json
 import os
 import selectors
+import signal
 import subprocess
 import sys
 import time
@@ -150,13 +151,16 @@ def main() -> int:
     tally: Tally = read_counts(TALLY)
     if given.again:
         tally = {kind: counts for kind, counts in tally.items() if kind not in given.kinds}
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     end, known = time.monotonic() + 60 * given.minutes, set[str]()
     while time.monotonic() < end and (kind := _next(tally, given.kinds, given.cases)):
         counts: Counter[str] = Counter(tally.get(kind, {}))
         first = counts.total()
-        fuzz(kind, first, min(first + _BATCH, given.cases), counts, known)
-        tally[kind] = dict(sorted(counts.items()))
-        write(tally)
+        try:
+            fuzz(kind, first, min(first + _BATCH, given.cases), counts, known)
+        finally:  # what was tried before an end from outside counts, too
+            tally[kind] = dict(sorted(counts.items()))
+            write(tally)
     return int(bool(known))
 
 
