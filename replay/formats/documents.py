@@ -12,7 +12,7 @@ from xml.parsers.expat import XMLParserType
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent, NodeEvent
+from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent, MappingEndEvent, NodeEvent, ScalarEvent
 
 from fbench.replay.contracts.errors import LimitError, LogError
 
@@ -169,16 +169,36 @@ def parse_yaml(content: bytes) -> object:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise YamlFileError(f"isn't UTF-8 text ({error.reason} at byte {error.start})") from error
+    documents: list[object] = []
+    parts = [documents]  # Of each collection that is open: its entries, of a mapping keys and values in turn
     try:
-        depth = 0
         for event in YAML(typ="base", pure=True).parse(text):
             line = event.start_mark.line + 1
             if isinstance(event, NodeEvent) and event.anchor is not None:
                 raise YamlFileError(f"line {line}: YAML anchors and aliases aren't allowed here", mendable=False)
-            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-            if depth > _MAX_DEPTH:
-                raise YamlFileError(f"line {line}: nested more than {_MAX_DEPTH} deep", mendable=False)
-        return YAML(typ="base", pure=True).load(text)
-    except (YAMLError, TypeError) as error:  # TypeError: a list or mapping as a key
+            if isinstance(event, ScalarEvent):
+                parts[-1].append(event.value)
+            elif isinstance(event, CollectionStartEvent):
+                parts.append([])
+                if len(parts) > _MAX_DEPTH + 1:
+                    raise YamlFileError(f"line {line}: nested more than {_MAX_DEPTH} deep", mendable=False)
+            elif isinstance(event, CollectionEndEvent):
+                ended = parts.pop()
+                parts[-1].append(_mapping(ended, line) if isinstance(event, MappingEndEvent) else ended)
+    except YAMLError as error:
         reason = " ".join(str(error).split())
         raise YamlFileError(f"can't be parsed ({reason[:200]})") from error
+    if len(documents) > 1:
+        raise YamlFileError("can't be parsed (more than one document)")
+    return documents[0] if documents else None
+
+
+def _mapping(parts: Sequence[object], line: int) -> dict[str, object]:
+    found: dict[str, object] = {}
+    for key, value in zip(parts[::2], parts[1::2], strict=True):
+        if not isinstance(key, str):
+            raise YamlFileError(f"can't be parsed (a list or mapping as a key before line {line})")
+        if key in found:
+            raise YamlFileError(f"can't be parsed (duplicate key {key[:80]!r} before line {line})")
+        found[key] = value
+    return found

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from tests.hostile import documents, mcap_logs, messages, programs, recordings
+from tests.hostile import documents, mcap_logs, messages, programs, recordings, whole
 from tests.hostile.damage import Random
 from tests.hostile.target import Case, Found, Target
 
@@ -53,4 +53,5 @@ TARGETS: Mapping[str, Target] = {
     "box-table": Target("boxes in a Parquet table, numbers edited", documents.make_table, documents.use_boxes),
     "onnx": Target("ONNX weights, fields edited", programs.make_onnx, programs.use_onnx),
     "exec": Target("answers of a program of `exec`, fields and lengths edited", programs.make_exec, programs.use_exec),
+    **whole.TARGETS,
 }

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,10 +17,11 @@ from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1
 from fbench.replay.logs.codecs.ros.decoder import Decode, decoder, header
 from fbench.replay.logs.codecs.ros.definitions import full_name, has_text, types_of
 from fbench.replay.logs.codecs.ros.ouster import PACKETS
-from fbench.replay.logs.container import Channel
+from fbench.replay.logs.container import Channel, Schema
 from fbench.replay.logs.coordinate_frames import Edge
 
 T = TypeVar("T")
+_NUM_KEPT = 32  # Definitions, which topics and files of a recording share; one takes some 10 ms
 
 
 @dataclass(frozen=True)
@@ -137,11 +139,21 @@ def ros_codec(channel: Channel) -> Codec | None:
     if encoding not in (CDR, ROS1) or known is None or (known.needs_definition and not has_text(channel.schema)):
         return None
     if (layout := known.layout) is None:
-        return _RosCodec(name, known, encoding, decoder(name, types_of(name, channel.schema, encoding), encoding))
-    types, standard = (types_of(name, schema, encoding, by_rosbags=False) for schema in (channel.schema, None))
-    if types == standard:
+        return _RosCodec(name, known, encoding, _compile(name, channel.schema, encoding))
+    if _is_standard(name, channel.schema, encoding):
         return _RosCodec(name, known, encoding, lambda data: layout(data, encoding))
     raise DecodeError(f"definition of {name} isn't the standard one")
+
+
+@lru_cache(_NUM_KEPT)
+def _compile(name: str, schema: Schema | None, encoding: str) -> Decode:
+    return decoder(name, types_of(name, schema, encoding), encoding)
+
+
+@lru_cache(_NUM_KEPT)
+def _is_standard(name: str, schema: Schema | None, encoding: str) -> bool:
+    given, standard = (types_of(name, each, encoding, by_rosbags=False) for each in (schema, None))
+    return given == standard
 
 
 def ros_types() -> Mapping[str, tuple[str, ...]]:

@@ -2,11 +2,14 @@
 
 import struct
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1, Header, nanoseconds, plain_frame
 from fbench.replay.logs.codecs.ros.definitions import Types
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 MAX_BYTES = 8 * 1024 * 1024  # Of a message without bulk data; 10,000 detections have less
 
@@ -20,12 +23,12 @@ def decoder(name: str, types: Types, encoding: str, limit: int = MAX_BYTES) -> D
     """
     from rosbags.serde import SerdeError
     from rosbags.typesys import TypesysError
-    from rosbags.typesys.store import Typestore
 
-    store = Typestore()
+    store = _decoding_store(encoding)
     try:
         store.register(types)
-        store.get_msgdef(name)
+        for part in types:
+            store.get_msgdef(part)
     except (TypesysError, ValueError, TypeError, AssertionError, KeyError, RecursionError) as error:
         raise DecodeError(f"definition of {name} can't be used ({error})") from error
     read = store.deserialize_cdr if encoding == CDR else store.deserialize_ros1
@@ -41,6 +44,39 @@ def decoder(name: str, types: Types, encoding: str, limit: int = MAX_BYTES) -> D
             raise DecodeError(f"not a {name} ({error})") from error
 
     return decode
+
+
+def _decoding_store(encoding: str) -> "Typestore":
+    """A store of rosbags that compiles what decodes messages of this encoding alone. Its own also encodes, measures and
+    converts, and compiles fourteen functions for each type, of which one or two are used.
+    """
+    from rosbags.interfaces import Msgdef
+    from rosbags.serde.cdr import generate_deserialize_cdr
+    from rosbags.serde.ros1 import generate_deserialize_ros1
+    from rosbags.typesys.base import normalize_fieldname
+    from rosbags.typesys.store import Typestore
+
+    def refuse(*_: object) -> Any:
+        raise NotImplementedError
+
+    class DecodingStore(Typestore):
+        def get_msgdef(self, typename: str) -> Msgdef[object]:
+            if typename not in self.cache:
+                fields = [(normalize_fieldname(name), what) for name, what in self.fielddefs[typename][1]]
+                little = big = ros1 = refuse
+                if encoding == CDR:
+                    little, big = (generate_deserialize_cdr(fields, self, order) for order in ("le", "be"))
+                else:
+                    ros1 = generate_deserialize_ros1(fields, self)
+                self.cache[typename] = Msgdef(
+                    typename, fields, self.types[typename],
+                    0, refuse, refuse, refuse, little, big,
+                    0, refuse, refuse, ros1,
+                    refuse, refuse, refuse, refuse,
+                )  # fmt: skip
+            return self.cache[typename]
+
+    return DecodingStore()
 
 
 def get(message: Any, *names: str) -> Any:
