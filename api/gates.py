@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from fbench.api.scores import open_folder
 from fbench.metrics.comparison.cells import CLEAR, CellName, CellPair, CellSide
-from fbench.metrics.comparison.inference import Testing
+from fbench.metrics.comparison.inference import ErrorRates
 from fbench.metrics.comparison.objects import find_changes, find_divergence
 from fbench.metrics.comparison.verdicts import Judge, Rule, default_rules
 from fbench.metrics.definitions.catalog import definition_of
@@ -237,7 +237,7 @@ def compare_sides(request: CompareRequest) -> Comparison:
         from fbench.metrics.comparison.reference import compare_by_base
 
         return compare_by_base(pairs, tuple(notes), tuple(lacking))
-    how = Testing() if policy is None else Testing(policy.alpha)
+    how = ErrorRates() if policy is None else ErrorRates(policy.alpha)
     rows = Judge(rules, how, policy is None or policy.inform).rows(pairs)
     failures = [*_over_budget(policy or Policy(version=1), pairs, lacking, is_default=policy is None)]
     if policy is not None and policy.latency is not None:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fbench.metrics.comparison.counts import FrameCounts, Place, count_frames, metrics_of, options_of
-from fbench.metrics.comparison.inference import PairedUnits, Ratio, Testing, adjust_holm
+from fbench.metrics.comparison.inference import ErrorRates, PairedUnits, Ratio, adjust_holm
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.runs.folder import Run
@@ -63,7 +63,7 @@ def draw(number: Number, rows: Int64, swapped: Int64) -> tuple[Int64, Int64]:
     return np.where(flip, b, a), np.where(flip, a, b)
 
 
-def false_alarms(numbers: Sequence[Number], num_units: int, trials: int, how: Testing) -> int:
+def false_alarms(numbers: Sequence[Number], num_units: int, trials: int, how: ErrorRates) -> int:
     """Return in how many A/A comparisons any number is found to differ."""
     alarms, units = 0, PairedUnits(num_units, how)
     for trial in range(trials):
@@ -85,7 +85,7 @@ def plant(counts: Int64, num: int, random: Random) -> Int64:
     return changed
 
 
-def power(number: Number, num_units: int, trials: int, num_judged: int, how: Testing) -> tuple[int, float]:
+def power(number: Number, num_units: int, trials: int, num_judged: int, how: ErrorRates) -> tuple[int, float]:
     """Return in how many trials a drop of the stated size is found, and its mean size."""
     units, found, sizes = PairedUnits(num_units, how), 0, []
     for trial in range(trials):
@@ -105,7 +105,7 @@ def power(number: Number, num_units: int, trials: int, num_judged: int, how: Tes
     return found, float(np.mean(sizes)) if sizes else float("nan")
 
 
-def coverage(numbers: Sequence[Number], num_units: int, trials: int, how: Testing) -> Float64:
+def coverage(numbers: Sequence[Number], num_units: int, trials: int, how: ErrorRates) -> Float64:
     """Return the share of trials in which the interval of each number holds the true difference."""
     units, held = PairedUnits(num_units, how), np.zeros((len(numbers), 2))
     for trial in range(trials):
@@ -129,7 +129,7 @@ def main() -> None:
     parser.add_argument("--units", type=int, default=40)
     parser.add_argument("--seconds", type=float, default=0.5)
     args = parser.parse_args()
-    how = Testing(num_flips=4999)  # Less than alpha / 100, and four times as fast
+    how = ErrorRates(num_flips=4999)  # Less than alpha / 100, and four times as fast
     numbers = numbers_of(args.runs, args.seconds, args.numbers)
     while len(numbers) < args.numbers:  # of a small log: halves of its stretches count as other slices
         part = len(numbers)

@@ -5,8 +5,6 @@ from collections.abc import Collection, Mapping, Sequence
 from statistics import median, stdev
 from typing import Any
 
-from scipy import stats
-
 from fbench.replay.data.frames import ClockName
 from fbench.replay.data.scores import format_count
 
@@ -110,6 +108,8 @@ def compare_repeats(
     fails where the mean of their logarithms is above the limit's beyond chance (t test, one-sided). So does what can't
     be judged: too few repeats, or other hosts.
     """
+    from scipy import stats  # which takes a while to import
+
     if len({host for sides in repeats for _, host in sides}) > 1:
         return [f"latency of {stage}: base and head ran on different hosts; repeat both side by side on one"]
     logs = [math.log(median(head) / median(base)) for (base, _), (head, _) in repeats if base and head]

@@ -18,7 +18,7 @@ Ratio = Callable[[Float64], Float64]
 
 
 @dataclass(frozen=True)
-class Testing:
+class ErrorRates:
     """How differences are judged."""
 
     alpha: float = 0.05  # Chance of any false alarm among all that gates together
@@ -51,7 +51,7 @@ class Inference:
         """Head minus base; `None` where either is undefined."""
         return None if self.base is None or self.head is None else self.head - self.base
 
-    def smallest(self, how: Testing, num_judged: int) -> float | None:
+    def smallest(self, how: ErrorRates, num_judged: int) -> float | None:
         """Return the smallest true difference that would be found with `how.power` at `how.alpha`, judged together with
         `num_judged` in all; `None` where no difference could be: too few units.
 
@@ -75,7 +75,7 @@ class PairedUnits:
     Units are scenes, or stretches of one: what is in one may depend on each other, but not on other units.
     """
 
-    def __init__(self, num_units: int, how: Testing) -> None:
+    def __init__(self, num_units: int, how: ErrorRates) -> None:
         self.num_units, self._how = num_units, how
 
     @cached_property

@@ -9,7 +9,7 @@ import numpy as np
 
 from fbench.metrics.comparison.cells import CellPair, add_units
 from fbench.metrics.comparison.counts import Place, metrics_of
-from fbench.metrics.comparison.inference import Inference, PairedUnits, Testing, adjust_discoveries, adjust_holm
+from fbench.metrics.comparison.inference import ErrorRates, Inference, PairedUnits, adjust_discoveries, adjust_holm
 from fbench.metrics.core.slices import VEHICLE
 from fbench.metrics.definitions.catalog import DEFINITIONS, Better
 from fbench.replay.contracts.errors import ConfigError, MetricError
@@ -87,7 +87,7 @@ class Judge:
     """Judges pairs of cells by rules."""
 
     rules: Sequence[Rule]
-    how: Testing = field(default_factory=Testing)
+    how: ErrorRates = field(default_factory=ErrorRates)
     informs: bool = True  # Whether numbers without a rule are judged, too
     _units: dict[int, PairedUnits] = field(default_factory=dict)
 
@@ -141,7 +141,7 @@ class Judge:
         return Row(*n.group, *n.key, *numbers, *tested, better(n.key[0], n.unit))
 
 
-def _judge(n: _Number, p: float | None, how: Testing) -> tuple[Verdict, str]:
+def _judge(n: _Number, p: float | None, how: ErrorRates) -> tuple[Verdict, str]:
     if n.base is None or n.head is None:
         return _judge_missing(n)
     if n.rule is not None and (out := _out_of_bounds(n.rule, n.head)):
@@ -192,7 +192,7 @@ def _judge_by_threshold(n: _Number, rule: Rule, gain: float, wanted: Better, p: 
         return "same", "the change is within the tolerance"
     if wanted == "neither":
         return "changed", "it is neither good nor bad"
-    doubt = "" if p is None or p < Testing().alpha else f"; chance could do this (p = {p:.2g})"
+    doubt = "" if p is None or p < ErrorRates().alpha else f"; chance could do this (p = {p:.2g})"
     return ("improved" if gain > 0 else "REGRESSED"), f"beyond the tolerance{doubt}"
 
 

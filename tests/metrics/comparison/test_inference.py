@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from fbench.metrics.comparison.counts import RATIOS
-from fbench.metrics.comparison.inference import PairedUnits, Testing, adjust_discoveries, adjust_holm
+from fbench.metrics.comparison.inference import ErrorRates, PairedUnits, adjust_discoveries, adjust_holm
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Int64
 
 F1 = RATIOS["detection"]["f1"]
-FAST = Testing(num_resamples=400, num_flips=999)
+FAST = ErrorRates(num_resamples=400, num_flips=999)
 
 
 def counts(random: np.random.Generator, num_units: int, share: float = 0.8) -> Int64:
@@ -56,7 +56,7 @@ def test_what_is_undefined_stays_so() -> None:
 
 def test_levels_out_of_range_are_refused() -> None:
     with pytest.raises(ConfigError, match="alpha"):
-        Testing(alpha=0.7)
+        ErrorRates(alpha=0.7)
 
 
 def test_false_alarms_power_and_coverage() -> None:
