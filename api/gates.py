@@ -238,8 +238,9 @@ def compare_sides(request: CompareRequest) -> Comparison:
 
         return compare_by_base(pairs, tuple(notes), tuple(lacking))
     how = ErrorRates() if policy is None else ErrorRates(policy.alpha)
-    rows = Judge(rules, how, policy is None or policy.inform).rows(pairs)
-    failures = [*_over_budget(policy or Policy(version=1), pairs, lacking, is_default=policy is None)]
+    rows, unused = Judge(rules, how, policy is None or policy.inform).judge(pairs)
+    failures = [] if policy is None else [f"no number fits the gate of {_describe(rule)}" for rule in unused]
+    failures += [*_over_budget(policy or Policy(version=1), pairs, lacking, is_default=policy is None)]
     if policy is not None and policy.latency is not None:
         table = policy.latency
         failures += compare_repeats(
@@ -256,6 +257,11 @@ def compare_sides(request: CompareRequest) -> Comparison:
     state = _state(rows, failures, all(pair.is_identical for pair in pairs), policy)
     found = tuple(objects[:_MOST_OBJECTS]), tuple(worst[:10])
     return Comparison(tuple(rows), request.tolerance, state, tuple(failures), tuple(notes), divergences, *found)
+
+
+def _describe(rule: Rule) -> str:
+    names = (rule.metric, rule.class_, rule.slice, rule.condition, rule.pipeline)
+    return ", ".join(name for name in names if name != "*")
 
 
 def _state(rows: Sequence[Row], failures: Sequence[str], is_identical: bool, policy: Policy | None) -> State:

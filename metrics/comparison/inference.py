@@ -156,9 +156,9 @@ def _times(seed: int, num: int, num_units: int) -> Float64:
 @lru_cache(8)
 def _signs(seed: int, num: int, num_units: int) -> tuple[Float64, bool]:
     if 2**num_units <= num + 1:
-        return np.array(list(itertools.product((1.0, -1.0), repeat=num_units))), True
+        return np.array(list(itertools.product((1.0, -1.0), repeat=num_units)), np.float64), True
     drawn = generator(seed, "flips", num_units).integers(0, 2, (num, num_units))
-    return 1.0 - 2.0 * drawn, False
+    return np.asarray(1.0 - 2.0 * drawn, np.float64), False
 
 
 def adjust_holm(p: Sequence[float]) -> list[float]:

@@ -262,5 +262,6 @@ def _first_stage(base: Run, head: Run, a: FrameRecord, b: FrameRecord) -> tuple[
             return stage, "its result differs"
     for table, one, two in (("detections", base.detections, head.detections), ("tracks", base.tracks, head.tracks)):
         if (what := boxes_difference(one.at(a.index), two.at(b.index))) is not None:
-            return ("track" if table == "tracks" else table), what
+            fused = "fuse" if a.stages else "detections"
+            return ("track" if table == "tracks" else fused), what
     return "track", "digest differs"

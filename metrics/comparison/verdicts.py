@@ -91,9 +91,10 @@ class Judge:
     informs: bool = True  # Whether numbers without a rule are judged, too
     _units: dict[int, PairedUnits] = field(default_factory=dict)
 
-    def rows(self, pairs: Sequence[CellPair]) -> list[Row]:
-        """Return all numbers with their verdicts, pipeline by pipeline and condition by condition. Raises MetricError
-        where the two sides have no number in common that a rule is about, or nothing was measured.
+    def judge(self, pairs: Sequence[CellPair]) -> tuple[list[Row], list[Rule]]:
+        """Return all numbers with their verdicts, pipeline by pipeline and condition by condition; and the rules that
+        are about none of them. Of several rules for one number the first counts. Raises MetricError where the two sides
+        have neither F1 nor MOTA in common, or nothing was measured.
         """
         groups: dict[tuple[str, str], list[CellPair]] = {}
         for pair in pairs:
@@ -103,7 +104,9 @@ class Judge:
         informing = [n for n in numbers if n.rule is None and n.found.p is not None]
         p = dict(zip(map(id, gating), adjust_holm([n.found.p or 0.0 for n in gating]), strict=True))
         p |= zip(map(id, informing), adjust_discoveries([n.found.p or 0.0 for n in informing]), strict=True)
-        return [self._row(number, p.get(id(number), number.found.p), max(len(gating), 1)) for number in numbers]
+        rows = [self._row(number, p.get(id(number), number.found.p), max(len(gating), 1)) for number in numbers]
+        used = {id(number.rule) for number in numbers}
+        return rows, [rule for rule in self.rules if id(rule) not in used]
 
     def _numbers(self, group: tuple[str, str], pairs: Sequence[CellPair]) -> Iterator[_Number]:
         before, after = ({s.key: s for s in side} for side in _scores(pairs))

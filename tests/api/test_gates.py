@@ -116,7 +116,11 @@ def test_scores_by_other_rules_are_refused(runs: Path, tmp_path: Path) -> None:
         ('[[gate]]\nmetric = "f1"\nkind = "relative"\ntolerance = 0.02\n', "failed", ""),
         ('[[gate]]\nmetric = "f1"\ntolerance = 1.0\nmin = 0.99\n', "failed", "less than 0.99"),
         ('[[gate]]\nmetric = "recall"\nslice = "range *"\n', "failed", ""),
-        ('[[gate]]\nmetric = "f1"\ncondition = "fog*"\n', "passed", ""),
+        (
+            '[[gate]]\nmetric = "f1"\ncondition = "fog*"\n',
+            "failed",
+            "no number fits the gate of f1, vehicle, all, fog*",
+        ),
         ('[budget]\nfaults = {LOG001 = 1}\n[[gate]]\nmetric = "f1"\ntolerance = 1.0', "failed", "2 faults LOG001"),
         ('[budget]\nmin_coverage = 0.5\n[[gate]]\nmetric = "f1"\ntolerance = 1.0', "passed", ""),
         ('[latency]\nmax_ratio = 2.0\n[[gate]]\nmetric = "f1"\ntolerance = 1.0', "failed", "1 repeat, at least 5"),

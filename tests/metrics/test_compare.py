@@ -15,7 +15,7 @@ from fbench.replay.data.scores import Score
 def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> list[Row]:
     """Judge scores alone, without counts of stretches."""
     one, two = (CellSide(make_manifest(), scores, None, Stretches("", {}, ())) for scores in (base, head))
-    return Judge(default_rules(tolerance)).rows([CellPair(CellName("log", "lidar3d"), one, two)])
+    return Judge(default_rules(tolerance)).judge([CellPair(CellName("log", "lidar3d"), one, two)])[0]
 
 
 def is_worse(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> bool:
@@ -35,7 +35,7 @@ def verdict(metric: str, base: float | None, head: float | None, unit: str = "1"
     )
     sides = (CellSide(make_manifest(), side, None, Stretches("", {}, ())) for side in (one, two))
     rules = [Rule(metric, tolerance=tolerance)]
-    return Judge(rules).rows([CellPair(CellName("log", "lidar3d"), *sides)])[0].verdict
+    return Judge(rules).judge([CellPair(CellName("log", "lidar3d"), *sides)])[0][0].verdict
 
 
 @pytest.mark.parametrize(
