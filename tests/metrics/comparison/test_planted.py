@@ -1,4 +1,4 @@
-"""Ten planted regressions of a real pipeline on a log of the city: all are found, with the stage that they came from."""
+"""Ten planted regressions of a real pipeline on a log of the city: all are found, with their stage."""
 
 from pathlib import Path
 
