@@ -38,7 +38,7 @@ class GateTable(_Strict):
     """`[[gate]]`: numbers that must not become worse; names may be patterns such as `range *`."""
 
     metric: Name
-    class_: Name = Field("vehicle", alias="class")
+    class_: Annotated[Name, Field(alias="class")] = "vehicle"
     slice: Name = "all"
     condition: Name = "*"
     pipeline: Name = "*"
@@ -173,9 +173,8 @@ def open_side(path: Path) -> Side:
         raise RunError(f"{path / CELLS}: not a table of cells (no {missing[0]})")
     cells: dict[CellName, Entry] = {}
     for row in table.select(list(_COLUMNS)).to_pylist():
-        name = CellName(
-            *(str(row[key] or "") for key in ("log", "pipeline", "condition", "rate")), int(row["seed"] or 0)
-        )
+        log, pipeline, condition, rate = (str(row[key] or "") for key in ("log", "pipeline", "condition", "rate"))
+        name = CellName(log, pipeline, condition, rate, int(row["seed"] or 0))
         if name in cells:
             raise RunError(f"{path / CELLS}: {name} is there twice")
         if not row["run"]:
@@ -255,8 +254,9 @@ def compare_sides(request: CompareRequest) -> Comparison:
     worst.sort(key=lambda frame: (frame.base_errors - frame.head_errors, frame.cell, frame.frame))
     divergences = tuple(found for pair in pairs if (found := find_divergence(pair)) is not None)
     state = _state(rows, failures, all(pair.is_identical for pair in pairs), policy)
-    found = tuple(objects[:_MOST_OBJECTS]), tuple(worst[:10])
-    return Comparison(tuple(rows), request.tolerance, state, tuple(failures), tuple(notes), divergences, *found)
+    first = tuple(objects[:_MOST_OBJECTS])
+    all_notes = tuple(failures), tuple(notes)
+    return Comparison(tuple(rows), request.tolerance, state, *all_notes, divergences, first, tuple(worst[:10]))
 
 
 def _describe(rule: Rule) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -192,24 +193,23 @@ def join_events(events: Iterable[Event], cell: str, records: Mapping[int, FrameR
     groups: dict[tuple[str, int, str, str], list[Event]] = {}
     for event in sorted(events, key=lambda e: (e.kind, e.identity, e.label, e.camera, e.frame)):
         groups.setdefault((event.kind, event.identity, event.label, event.camera), []).append(event)
-    for (kind, identity, label, camera), own in groups.items():
-        part: list[Event] = []
-        for event in [*own, None]:
-            if part and (event is None or order[event.frame] - order[part[-1].frame] > _GAP):
-                first, last = part[0].frame, part[-1].frame
-                seconds = ((records[f].stamp_ns - start_ns) / 1e9 for f in (first, last))
-                ranges = [e.range_m for e in part if np.isfinite(e.range_m)]
-                far = float(np.mean(ranges)) if ranges else None
-                # Of several reasons the most frequent one, as a reader wants one.
-                reasons = [e.why for e in part]
-                why = max(dict.fromkeys(reasons), key=reasons.count) + (f", in camera {camera}" if camera else "")
-                number = None if identity < 0 or kind == "NEW FALSE ALARM" else identity
-                num = len({e.frame for e in part})
-                kind_: Kind = part[0].kind
-                yield ObjectChange(kind_, cell, label, number, *seconds, (first, last), num, far, why)
-                part = []
-            if event is not None:
-                part.append(event)
+    for own in groups.values():
+        places = np.array([order[event.frame] for event in own])
+        borders = [0, *(np.flatnonzero(np.diff(places) > _GAP) + 1).tolist(), len(own)]
+        yield from (_change(own[a:b], cell, records, start_ns) for a, b in pairwise(borders))
+
+
+def _change(part: Sequence[Event], cell: str, records: Mapping[int, FrameRecord], start_ns: int) -> ObjectChange:
+    event, first, last = part[0], part[0].frame, part[-1].frame
+    from_s, to_s = ((records[frame].stamp_ns - start_ns) / 1e9 for frame in (first, last))
+    ranges = [e.range_m for e in part if np.isfinite(e.range_m)]
+    far = float(np.mean(ranges)) if ranges else None
+    # Of several reasons the most frequent one, as a reader wants one.
+    reasons = [e.why for e in part]
+    why = max(dict.fromkeys(reasons), key=reasons.count) + (f", in camera {event.camera}" if event.camera else "")
+    number = None if event.identity < 0 or event.kind == "NEW FALSE ALARM" else event.identity
+    num = len({e.frame for e in part})
+    return ObjectChange(event.kind, cell, event.label, number, from_s, to_s, (first, last), num, far, why)
 
 
 def _worst(pair: CellPair, records: Mapping[int, FrameRecord], most: int = 5) -> list[WorstFrame]:

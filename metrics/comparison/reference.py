@@ -50,8 +50,8 @@ def compare_by_base(pairs: Sequence[CellPair], notes: tuple[str, ...], failures:
     objects.sort(key=lambda change: (-change.num_frames / max(change.range_m or 50.0, 5.0), change.cell, str(change)))
     divergences = tuple(found for pair in pairs if (found := find_divergence(pair)) is not None)
     state: State = "failed" if failures else "passed" if divergences else "identical"
-    found = tuple(objects[:_MOST_OBJECTS])
-    return Comparison(tuple(rows), 0.0, state, failures, notes, divergences, found, (), without_labels=True)
+    first = tuple(objects[:_MOST_OBJECTS])
+    return Comparison(tuple(rows), 0.0, state, failures, notes, divergences, first, (), without_labels=True)
 
 
 def _rows(pair: CellPair, base: Run, head: Run) -> Iterator[Row]:

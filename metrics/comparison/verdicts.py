@@ -135,13 +135,12 @@ class Judge:
 
     def _row(self, n: _Number, p: float | None, num_gating: int) -> Row:
         verdict, reason = _judge(n, p, self.how)
-        smallest = n.found.smallest(self.how, num_gating if n.rule is not None else 1)
-        if n.is_identical:
-            smallest = None
-        numbers = (n.unit, n.base, n.head, n.delta, verdict, "" if n.rule is None else str(n.rule), reason)
-        found = n.found
-        tested = found.low, found.high, smallest, p, found.num_units
-        return Row(*n.group, *n.key, *numbers, *tested, better(n.key[0], n.unit))
+        found, gate = n.found, "" if n.rule is None else str(n.rule)
+        smallest = found.smallest(self.how, num_gating if n.rule is not None else 1)
+        return Row(
+            *n.group, *n.key, n.unit, n.base, n.head, n.delta, verdict, gate, reason, found.low, found.high, smallest,
+            p, found.num_units, better(n.key[0], n.unit),
+        )  # fmt: skip
 
 
 def _judge(n: _Number, p: float | None, how: ErrorRates) -> tuple[Verdict, str]:
