@@ -126,7 +126,8 @@ class CellPair:
         """Whether both sides gave the same, bit by bit."""
         one, two = self.base.manifest, self.head.manifest
         is_same = bool(one.digest) and one.digest == two.digest and one.log.digest == two.log.digest
-        return is_same and list(self.base.scores) == list(self.head.scores)
+        values = [[(score.key, score.value) for score in side.scores] for side in (self.base, self.head)]
+        return is_same and values[0] == values[1]
 
     @property
     def scene(self) -> str:

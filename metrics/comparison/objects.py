@@ -1,6 +1,6 @@
 """What changed between two runs, object by object, and where their outputs differ first."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal

@@ -164,7 +164,8 @@ def test_suites_are_paired_by_cell(runs: Path, tmp_path: Path) -> None:
         cells = [{"run": "a"}, {"run": "b", "condition": "fog:3"}, {"log": "x", "state": "unfit", "reason": "no lidar"}]
         write_cells(tmp_path / side, cells)
     found = compare(tmp_path / "one", tmp_path / "two", "")
-    verdicts = {r.condition: r.verdict for r in found.rows if (r.metric, r.class_, r.slice) == ("f1", "vehicle", "all")}
+    own = [r for r in found.rows if (r.metric, r.class_, r.slice) == ("f1", "vehicle", "all") and r.base is not None]
+    verdicts = {r.condition: r.verdict for r in own}
     assert verdicts == {"clear": "identical", "fog:3": "REGRESSED"}
     assert any("no lidar" in note for note in found.notes)
 
