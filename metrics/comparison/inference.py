@@ -55,16 +55,21 @@ class Inference:
         """Return the smallest true difference that would be found with `how.power` at `how.alpha`, judged together with
         `num_judged` in all; `None` where no difference could be: too few units.
 
-        A difference S must exceed z standard errors, z = t(1 - alpha/2m) + t(power). Making one flips about S/b boxes,
-        b what one is worth, which adds their own sampling error: S = z sqrt(std² + S b), solved for S.
+        A difference S must exceed z standard errors, z = c + t(power). The test's limit c is n / sqrt(1 - n²/U) for
+        the normal quantile n at alpha/2m, as swapping also spreads the difference itself over U units; at least
+        t(1 - alpha/2m). Making S flips about S/b boxes, b what one is worth, which adds their own sampling error:
+        S = z sqrt(std² + S b), solved for S.
         """
         if self.std is None or self.num_units < LEAST_UNITS:
             return None
         level = how.alpha / max(num_judged, 1)
         if 2.0 ** (1 - self.num_units) > level or 1 / (how.num_flips + 1) > level:
             return None
-        free = self.num_units - 1
-        z = float(stats.t.ppf(1 - level / 2, free) + stats.t.ppf(how.power, free))
+        normal, free = float(stats.norm.ppf(1 - level / 2)), self.num_units - 1
+        if normal * normal >= self.num_units:
+            return None
+        limit = max(float(stats.t.ppf(1 - level / 2, free)), normal / float(np.sqrt(1 - normal**2 / self.num_units)))
+        z = limit + float(stats.t.ppf(how.power, free))
         linear = z * z * self.per_box
         return (linear + float(np.sqrt(linear * linear + 4 * z * z * self.std * self.std))) / 2
 

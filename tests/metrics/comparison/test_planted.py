@@ -19,7 +19,7 @@ PLANTED = {
     "narrow gate": (["tracking.association=distance", "tracking.gate_m=0.05", "tracking.gate_mps=0"], "", "track"),
     "late tracks": (["tracking.min_hits=12"], "", "track"),
     "shifted calibration": ([], "extrinsic.lidar:5", "lidar"),
-    "dropped sensor": ([], "dropout.lidar:5@1s-5s", "frames"),
+    "dropped sensor": ([], "dropout.lidar:5@2s-8s", "frames"),
 }
 """Settings, condition, and the first stage that differs."""
 UNCHANGED = {"nothing": [], "other bits": ["lidar.cluster.eps_m=0.61"]}
@@ -28,7 +28,7 @@ UNCHANGED = {"nothing": [], "other bits": ["lidar.cluster.eps_m=0.61"]}
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("planted")
-    write_city_log(folder / "city.mcap", 6.0, 3)
+    write_city_log(folder / "city.mcap", 10.0, 3)
     replay_into(folder, "base", [])
     return folder
 
