@@ -62,8 +62,8 @@ def _picture(rows: list[Row]) -> list[str]:
         marks[half] = "|"
         marks[low], marks[high] = "[", "]"
         marks[min(max(at, 0), _WIDTH - 1)] = "o"
-        lines.append(f"{row.metric[:12]:12} {row.slice[:16]:16} {''.join(marks)}")
-    return [*lines, f"{'':29} {f'{-most:+.3f}':<{half}}0{f'{most:+.3f}':>{half}}"]
+        lines.append(f"{f'{row.metric} {row.class_} {row.slice}'[:30]:30} {''.join(marks)}")
+    return [*lines, f"{'':30} {f'{-most:+.3f}':<{half}}0{f'{most:+.3f}':>{half}}"]
 
 
 def _escape(text: str) -> str:
