@@ -262,6 +262,11 @@ def _first_stage(base: Run, head: Run, a: FrameRecord, b: FrameRecord) -> tuple[
             return stage, "its result differs"
     for table, one, two in (("detections", base.detections, head.detections), ("tracks", base.tracks, head.tracks)):
         if (what := boxes_difference(one.at(a.index), two.at(b.index))) is not None:
-            fused = "fuse" if a.stages else "detections"
-            return ("track" if table == "tracks" else fused), what
+            return ("track" if table == "tracks" else _name_detection(base, a)), what
     return "track", "digest differs"
+
+
+def _name_detection(run: Run, frame: FrameRecord) -> str:
+    """The stage that detections come from: fusion, or the only kind of sensor that detects."""
+    kinds = [stage.removeprefix("detect.") for stage in run.frame_times if stage.startswith("detect.")]
+    return "fuse" if frame.stages else kinds[0] if len(kinds) == 1 else "detections"
