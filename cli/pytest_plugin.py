@@ -12,27 +12,26 @@ import pytest
 if TYPE_CHECKING:
     from fbench.api.runs import RunComparison
 
-Gate = Callable[..., "RunComparison"]
+
+def require_no_regression(
+    base: Path | str, head: Path | str, policy: Path | str | None = None, tolerance: float = 0.0
+) -> "RunComparison":
+    """Compare two runs or suites by a policy, or a tolerance; fail the test with the numbers and objects that became
+    worse, else return the comparison.
+    """
+    from fbench.api.runs import compare
+
+    found = compare(base, head, tolerance, policy)
+    if found.is_worse:
+        comparison = found.comparison
+        bad = [row for row in comparison.gating if row.verdict == "REGRESSED"]
+        numbers = [f"{row.name}: {row.base} -> {row.head}; {row.reason}" for row in bad]
+        lines = [comparison.headline, *numbers, *comparison.failures, *map(str, comparison.objects[:10])]
+        pytest.fail("\n".join(lines), pytrace=False)
+    return found
 
 
 @pytest.fixture
-def fbench_gate() -> Gate:
-    """Return a function of base, head and a policy file (or a tolerance): it returns the comparison, or fails the test
-    with the numbers and objects that became worse.
-    """
-
-    def gate(
-        base: Path | str, head: Path | str, policy: Path | str | None = None, tolerance: float = 0.0
-    ) -> "RunComparison":
-        from fbench.api.runs import compare
-
-        found = compare(base, head, tolerance, policy)
-        if found.is_worse:
-            comparison = found.comparison
-            bad = [f"{row.name}: {row.base} -> {row.head}; {row.reason}" for row in comparison.gating
-                   if row.verdict == "REGRESSED"]  # fmt: skip
-            lines = [comparison.headline, *bad, *comparison.failures, *map(str, comparison.objects[:10])]
-            pytest.fail("\n".join(lines), pytrace=False)
-        return found
-
-    return gate
+def fbench_gate() -> Callable[..., "RunComparison"]:
+    """Return `require_no_regression`."""
+    return require_no_regression

@@ -8,7 +8,7 @@ from ruamel.yaml import YAML
 from tests.gate_runs import some, write_drive
 
 from fbench.api.gates import load_policy
-from fbench.cli.pytest_plugin import fbench_gate
+from fbench.cli.pytest_plugin import require_no_regression
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -78,10 +78,9 @@ def test_a_baseline_is_accepted_and_compared_with(fbench, runs):
 
 
 def test_the_fixture_fails_a_test_with_reasons(runs):
-    gate = fbench_gate.__wrapped__() if hasattr(fbench_gate, "__wrapped__") else fbench_gate._get_wrapped_function()()
-    assert not gate(runs / "base", runs / "base").is_worse
+    assert not require_no_regression(runs / "base", runs / "base").is_worse
     with pytest.raises(pytest.fail.Exception, match="REGRESSED: lidar3d: f1"):
-        gate(runs / "base", runs / "worse")
+        require_no_regression(runs / "base", runs / "worse")
 
 
 def test_examples_for_ci_say_what_the_program_takes(fbench):
