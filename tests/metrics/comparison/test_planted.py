@@ -17,7 +17,7 @@ PLANTED = {
     "narrow gate": (["tracking.association=distance", "tracking.gate_m=0.05", "tracking.gate_mps=0"], "track"),
 }
 """Settings, and the first stage that differs."""
-UNCHANGED = {"nothing": [], "other bits": ["lidar.cluster.eps_m=0.61"]}
+UNCHANGED: dict[str, list[str]] = {"nothing": [], "other bits": ["lidar.cluster.eps_m=0.61"]}
 
 
 @pytest.fixture(scope="module")
