@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from fbench.api.scores import open_folder, score_folder
 from fbench.replay.contracts.faults import FaultLog, explain_losses
@@ -30,8 +30,8 @@ from fbench.replay.setup.request import ReplayOptions, ReplayRequest
 if TYPE_CHECKING:
     import pandas as pd
 
-    from fbench.metrics.comparison import Comparison
     from fbench.replay.check.verify import Verified
+    from fbench.replay.data.comparison import Comparison
 
 _VERIFY_WORKER = "fbench.api.verify_child"
 
@@ -99,19 +99,22 @@ class OpenRun:
 
 @dataclass(frozen=True, eq=False)
 class RunComparison:
-    """Two runs side by side."""
+    """Two runs or suites side by side."""
 
     comparison: "Comparison"
-    notes: tuple[str, ...]
-    """What else differs between the runs."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What else differs between the runs."""
+        return self.comparison.notes
 
     @property
     def is_worse(self) -> bool:
-        """Whether a primary metric fell by more than the tolerance, or lost its value."""
+        """Whether the gate fails: a number that gates became worse, or lost its value, or a budget was exceeded."""
         return self.comparison.is_worse
 
     def rows(self) -> "pd.DataFrame":
-        """Return all metrics of both runs, a row each."""
+        """Return all metrics of both sides, a row each."""
         import pandas as pd
 
         return pd.DataFrame([asdict(row) for row in self.comparison.rows])
@@ -119,7 +122,7 @@ class RunComparison:
     def _repr_html_(self) -> str:
         """Show the verdict and the rows in a notebook."""
         notes = "".join(f"<li>{escape(note)}</li>" for note in self.notes)
-        verdict = "regressed" if self.is_worse else "no regression"
+        verdict = escape(self.comparison.headline)
         return f"<p><b>{verdict}</b></p><ul>{notes}</ul>{self.rows().to_html(index=False)}"
 
 
@@ -128,23 +131,31 @@ def open_run(folder: Path | str) -> OpenRun:
     return OpenRun(open_folder(Path(folder)))
 
 
-def compare(base: Path | str, head: Path | str, tolerance: float = 0.0) -> RunComparison:
-    """Compare two runs.
+def compare(
+    base: Path | str,
+    head: Path | str,
+    tolerance: float = 0.0,
+    policy: Path | str | None = None,
+    reference: Literal["truth", "base"] = "truth",
+) -> RunComparison:
+    """Compare two runs, or two suites cell by cell.
 
     Args:
-        base: Folder of the run to compare with.
-        head: Folder of the run that should not be worse.
-        tolerance: How much a primary metric may fall.
+        base: Folder of the run or suite to compare with, or a baseline file.
+        head: Folder of the run or suite that should not be worse.
+        tolerance: How much F1 and MOTA may fall, where there is no policy.
+        policy: A `gate.toml` that says what gates.
+        reference: `base`: without labels, the results of the base stand for truth.
 
     Raises:
-        ConfigError: where a folder isn't there, or the runs aren't comparable.
+        ConfigError: where a folder isn't there, or the policy isn't as expected.
         RunError: where one isn't a run.
+        MetricError: where the two can't be compared, or nothing was measured.
     """
-    from fbench.metrics.comparison import compare, require_common_instants, require_comparable
+    from fbench.api.gates import CompareRequest, compare_sides
 
-    before, after = open_folder(Path(base)), open_folder(Path(head))
-    notes = (*require_comparable(before.manifest, after.manifest), *require_common_instants(before, after))
-    return RunComparison(compare(before.scores, after.scores, tolerance), notes)
+    file = None if policy is None else Path(policy)
+    return RunComparison(compare_sides(CompareRequest(Path(base), Path(head), tolerance, file, reference)))
 
 
 def report(runs: Sequence[Path | str], out: Path | None = None, kind: str = "html") -> Path:

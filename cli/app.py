@@ -14,6 +14,7 @@ import typer
 from typer import Option
 
 from fbench.cli import (
+    baseline,
     compare,
     demo,
     init,
@@ -62,6 +63,7 @@ log.command("import", epilog=examples("log import"))(log_import.import_)
 log.command("export", epilog=examples("log export"))(log_export.export)
 log.command("simulate", epilog=examples("log simulate"))(log_simulate.simulate)
 app.add_typer(log, name="log")
+app.add_typer(baseline.app, name="baseline")
 app.add_typer(weights.app, name="weights")
 
 _MIN_ADDRESS_BYTES = 2 << 30

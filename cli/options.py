@@ -151,7 +151,13 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench score --truth truth.json --detections submission.json --profile nuscenes-detection --json",
     ),
     "report": ("fbench report runs/log-lidar3d", "fbench report runs/log-lidar3d runs/log-late3d -o both.html"),
-    "compare": ("fbench compare runs/base runs/head", "fbench compare runs/base runs/head --tolerance 0.01"),
+    "compare": (
+        "fbench compare runs/base runs/head",
+        "fbench compare runs/base runs/head --tolerance 0.01",
+        "fbench compare main-suite branch-suite --policy gate.toml --write junit=gate.xml",
+        "fbench compare baseline.json runs/head --policy gate.toml",
+    ),
+    "baseline accept": ("fbench baseline accept runs/head --reason 'new tracker' -o baseline.json",),
     "robust": (
         "fbench robust log.mcap -p late3d,lidar3d",
         "fbench robust log.mcap -p late3d --suite faults --severity 3",

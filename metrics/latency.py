@@ -1,6 +1,8 @@
 """Latency of a run: percentiles of each stage and of the whole frame against a budget."""
 
+import math
 from collections.abc import Collection, Mapping, Sequence
+from statistics import median, stdev
 from typing import Any
 
 from fbench.replay.data.frames import ClockName
@@ -91,3 +93,31 @@ def nearest_rank(ranked: Sequence[int], percent: int) -> int:
 def _describe(num_cold: int, num_compiled: int) -> str:
     what = f"the first {NUM_WARM} of each stage, and those in which code was compiled or loaded"
     return f"{format_count(num_cold, 'frame')} of warm-up ({what}: {num_compiled})"
+
+
+Timed = tuple[Sequence[int], object]
+"""Times [ns] of one stage in one run, and the host that they were measured on."""
+
+
+def compare_repeats(
+    repeats: Sequence[tuple[Timed, Timed]], stage: str, max_ratio: float, min_repeats: int, alpha: float = 0.05
+) -> list[str]:
+    """Return why a stage's ratio of times, head to base, doesn't pass; empty where it does.
+
+    Each repeat is one pair of runs, measured side by side on one host. Of each the ratio of the medians counts. It
+    fails where the mean of their logarithms is above the limit's beyond chance (t test, one-sided). So does what can't
+    be judged: too few repeats, or other hosts.
+    """
+    from scipy import stats  # which takes a while to import
+
+    if len({host for sides in repeats for _, host in sides}) > 1:
+        return [f"latency of {stage}: base and head ran on different hosts; repeat both side by side on one"]
+    logs = [math.log(median(head) / median(base)) for (base, _), (head, _) in repeats if base and head]
+    if len(logs) < min_repeats:
+        return [f"latency of {stage}: {format_count(len(logs), 'repeat')}, at least {min_repeats} are needed"]
+    mean, spread = sum(logs) / len(logs), stdev(logs) / math.sqrt(len(logs))
+    low = mean - float(stats.t.ppf(1 - alpha, len(logs) - 1)) * spread
+    if low <= math.log(max_ratio):
+        return []
+    ratio = f"{math.exp(mean):.3g} times as long, at least {math.exp(low):.3g}"
+    return [f"latency of {stage}: {ratio} ({len(logs)} repeats); {max_ratio:g} may be"]

@@ -45,14 +45,18 @@ def detection_entries(
         return entries
     sequence = native.sequence
     whole = compare_class(sequence, VEHICLE, native.match)
-    parts = [] if options.seen else [*slices.by_seen(sequence)]
-    parts += [*slices.by_range(sequence, options.range_m), *slices.by_visibility(sequence)]
-    parts += [*slices.by_source(sequence), *_by_region(run, sequence)]
     own = (
         ScoreCounts(replace(native.key, slice=part.name), DetectionCounts(judge_detections(whole.select(part)).counts))
-        for part in parts
+        for part in parts_of(run, sequence, options)
     )
     return *entries, *own
+
+
+def parts_of(run: Run, sequence: Sequence, options: ScoreOptions) -> list[Part]:
+    """Return the slices of a run's detections in its own space, in the order of its rows."""
+    parts = [] if options.seen else [*slices.by_seen(sequence)]
+    parts += [*slices.by_range(sequence, options.range_m), *slices.by_visibility(sequence)]
+    return [*parts, *slices.by_source(sequence), *_by_region(run, sequence)]
 
 
 def _by_region(run: Run, sequence: Sequence) -> Iterator[Part]:

@@ -7,7 +7,7 @@ import numpy as np
 from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.similarity import block_starts
-from fbench.replay.data.arrays import Int64
+from fbench.replay.data.arrays import Bool, Int64
 
 
 def near_pairs(problem: Problem, place: Int64) -> tuple[Int64, Int64]:
@@ -34,15 +34,22 @@ def identity_counts(problem: Problem, floor: float) -> IdentityCounts:
     Two boxes need a similarity of `floor` to count as the same.
     """
     num_truth, num_estimates = problem.pairs.shape
-    track_pair, pair_of = near_pairs(problem, np.flatnonzero(problem.pairs.values >= floor))
-    tp = 0
-    if len(track_pair):
-        tp = _best(*np.divmod(track_pair, problem.num_estimate_ids), np.bincount(pair_of))
+    tp = len(identified(problem, floor))
     return IdentityCounts(tp, num_truth - tp, num_estimates - tp)
 
 
-def _best(row: Int64, column: Int64, weight: Int64) -> int:
-    """The most that one-to-one pairs weigh: each common box saves a false positive and a miss.
+def identified(problem: Problem, floor: float) -> Int64:
+    """Return the truth boxes (K,), ascending, that have a box of their own track's one partner near them."""
+    place = np.flatnonzero(problem.pairs.values >= floor)
+    track_pair, pair_of = near_pairs(problem, place)
+    if not len(track_pair):
+        return np.zeros(0, np.int64)
+    is_best = _best(*np.divmod(track_pair, problem.num_estimate_ids), np.bincount(pair_of))
+    return np.sort(problem.pairs.locate(place[is_best[pair_of]])[0])
+
+
+def _best(row: Int64, column: Int64, weight: Int64) -> Bool:
+    """Which one-to-one pairs (P,) weigh most: each common box saves a false positive and a miss.
 
     Tracks that have nothing to do with each other, also by way of others, are solved apart, as steps are elsewhere.
     """
@@ -55,9 +62,10 @@ def _best(row: Int64, column: Int64, weight: Int64) -> int:
     width = np.diff(column_start)
     block_start = block_starts(row_start, column_start)
     score = np.zeros(block_start[-1])
-    score[block_start[group] + i * width[group] + j] = weight
+    own = block_start[group] + i * width[group] + j
+    score[own] = weight
     place = best_places(row_start, column_start, block_start, score, 0.0, 0.0)
-    return int(score[place[place >= 0]].sum())  # whole numbers, so that the order is no matter
+    return np.isin(own, place[place >= 0])
 
 
 def _within(name: Int64, group: Int64) -> tuple[Int64, Int64]:

@@ -719,6 +719,7 @@ class Output(_message.Message):
     MISSING_FIELD_NUMBER: _builtins.int
     FAULTS_FIELD_NUMBER: _builtins.int
     LOG_CLOCK_FIELD_NUMBER: _builtins.int
+    DIGESTS_FIELD_NUMBER: _builtins.int
     log_clock: _builtins.bool
     """the stages' times are log times: what was computed elsewhere is passed on"""
     @_builtins.property
@@ -737,6 +738,10 @@ class Output(_message.Message):
     def faults(self) -> _containers.RepeatedCompositeFieldContainer[Global___Fault]:
         """what was wrong with the data of this frame"""
 
+    @_builtins.property
+    def digests(self) -> _containers.RepeatedCompositeFieldContainer[Global___Digest]:
+        """of what single stages gave: where two runs differ first is found by them"""
+
     def __init__(
         self,
         *,
@@ -746,16 +751,41 @@ class Output(_message.Message):
         missing: _abc.Mapping[_builtins.str, _builtins.str] | None = ...,
         faults: _abc.Iterable[Global___Fault] | None = ...,
         log_clock: _builtins.bool = ...,
+        digests: _abc.Iterable[Global___Digest] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["boxes", b"boxes", "in_2d", b"in_2d", "in_3d", b"in_3d"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["boxes", b"boxes", "faults", b"faults", "in_2d", b"in_2d", "in_3d", b"in_3d", "log_clock", b"log_clock", "missing", b"missing", "stages", b"stages"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["boxes", b"boxes", "digests", b"digests", "faults", b"faults", "in_2d", b"in_2d", "in_3d", b"in_3d", "log_clock", b"log_clock", "missing", b"missing", "stages", b"stages"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_boxes: _TypeAlias = _typing.Literal["in_3d", "in_2d"]  # noqa: Y015
     _WhichOneofArgType_boxes: _TypeAlias = _typing.Literal["boxes", b"boxes"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_boxes) -> _WhichOneofReturnType_boxes | None: ...
 
 Global___Output: _TypeAlias = Output  # noqa: Y015
+
+@_typing.final
+class Digest(_message.Message):
+    """A digest of what one stage gave, as hexadecimal text."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    STAGE_FIELD_NUMBER: _builtins.int
+    DIGEST_FIELD_NUMBER: _builtins.int
+    stage: _builtins.str
+    digest: _builtins.str
+    def __init__(
+        self,
+        *,
+        stage: _builtins.str = ...,
+        digest: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["digest", b"digest", "stage", b"stage"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Digest: _TypeAlias = Digest  # noqa: Y015
 
 @_typing.final
 class Fault(_message.Message):

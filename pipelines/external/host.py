@@ -175,6 +175,8 @@ def write_output(output: Output, to: schema.Output) -> None:
     for fault in output.faults:
         to.faults.add(code=fault.code, where=fault.where)
     to.log_clock = output.clock == "log"
+    for stage, digest in output.digests.items():
+        to.digests.add(stage=stage, digest=digest)
 
 
 def main() -> None:

@@ -223,6 +223,9 @@ def to_output(output: schema.Output) -> Output:
     return found
 
 
+_MAX_DIGEST = 64  # Digests of a frame, and characters of each: more is no digest of a stage
+
+
 def read_output(output: schema.Output) -> Output:
     """Return what was found, as it was said. Raises DataError naming the field where boxes are incomplete."""
     kind = output.WhichOneof("boxes")
@@ -237,6 +240,7 @@ def read_output(output: schema.Output) -> Output:
         tuple(Fault(fault.code, fault.where) for fault in output.faults),
         dict(sorted(output.missing.items())),
         "log" if output.log_clock else "host",
+        {part.stage[:_MAX_DIGEST]: part.digest[:_MAX_DIGEST] for part in output.digests[:_MAX_DIGEST]},
     )
 
 

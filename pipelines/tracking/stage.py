@@ -123,7 +123,8 @@ class TrackingPipeline(ABC, Generic[B]):
         found = self._detect(frame, clock)
         with clock.stage("track"):
             tracks = self._tracker.step(found.boxes, frame.stamp_ns, pose)
-        return Output(found.boxes, tracks, clock.stage_ns, found.faults, {**self.missing, **found.missing})
+        missing = {**self.missing, **found.missing}
+        return Output(found.boxes, tracks, clock.stage_ns, found.faults, missing, digests=clock.digests)
 
     @abstractmethod
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[B]: ...

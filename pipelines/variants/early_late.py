@@ -72,7 +72,10 @@ class FusionPipeline(TrackingPipeline[B]):
     ) -> tuple[Any, ...]:
         """Return what the cameras see, by name, and what `others` give; a corrupt image is one of the `faults`."""
         views: list[Callable[..., Any]] = [partial(self._cameras.view, faults=faults), *others]
-        return self._branches.run(clock, *(partial(view, frame) for view in views))
+        found = self._branches.run(clock, *(partial(view, frame) for view in views))
+        for kind, view in zip(self.kinds, found, strict=True):
+            clock.note(kind, view)
+        return found
 
 
 @dataclass(frozen=True)

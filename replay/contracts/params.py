@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from typing import TypeVar
 
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.runs.digest import digest
 
 LIMIT = 1e6  # No parameter is sensible beyond this; keeps numbers that follow from them finite
 
@@ -58,6 +59,12 @@ class StageClock:
 
     def __init__(self) -> None:
         self.stage_ns: dict[str, int] = {}
+        self.digests: dict[str, str] = {}
+        """Of what stages gave, so that it can be told where two runs differ first."""
+
+    def note(self, name: str, result: object) -> None:
+        """Keep the digest of what a stage gave, see `replay.runs.digest.Digest.add` for what it may hold."""
+        self.digests[name] = digest(result)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -72,3 +79,4 @@ class StageClock:
         """Add the times of another clock, which measured other stages, or others of the same name."""
         for name, ns in other.stage_ns.items():
             self.stage_ns[name] = self.stage_ns.get(name, 0) + ns
+        self.digests |= other.digests

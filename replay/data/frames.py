@@ -51,6 +51,8 @@ class Output:
     that follow the frame's instant and add up to the latency, which is unknown without any; what the step took says
     nothing. Else they are wall times within the step.
     """
+    digests: Mapping[str, str] = field(default_factory=dict)
+    """Of what single stages gave, in the order in which they come; two runs are compared by them."""
 
     def __post_init__(self) -> None:
         kind, other = type(self.detections), type(self.tracks)

@@ -160,7 +160,8 @@ class _Loop:
                 self._faults.add("PRD001", f"frame {frame.index}: {name}", num)
             self._writer.add_boxes(name, frame.index, boxes)
         number, chain = frame.frame_number, self._chain
-        record = FrameRecord(frame.index, stamp, segment, number, missing, frame_digest, chain, failed)
+        parts = {} if output is None else output.digests
+        record = FrameRecord(frame.index, stamp, segment, number, missing, frame_digest, chain, failed, stages=parts)
         stages = {} if output is None else output.stage_ns
         if output is None or output.clock == "host":
             self._writer.add_frame(record, {**stages, "total": total_ns}, "host", compiled)

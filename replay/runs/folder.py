@@ -4,7 +4,7 @@ import json
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -28,6 +28,7 @@ from fbench.replay.runs.tables import BoxTable, BoxWriter, column_array, read_bo
 B = TypeVar("B", Boxes2D, Boxes3D)
 _FRAMES_AT_ONCE = 256
 _CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
+_MAPPINGS = ("missing", "stages")  # Fields of frames that are kept as JSON
 FRAMES, POSE = "frames.parquet", "pose"  # The table of frames; its column that is there where the log has poses
 
 
@@ -48,6 +49,7 @@ class FrameRecord:
     and so not scored.
     """
     truth_spaces: str = ""  # What is labeled: `3d`, `2d` or `3d 2d`
+    stages: Mapping[str, str] = field(default_factory=dict)  # Digests of what single stages gave, in their order
 
 
 class RunWriter:
@@ -170,8 +172,8 @@ def write_frames(path: Path, records: Sequence[FrameRecord], poses: Float64 | No
     columns: dict[str, pa.Array] = {}
     for f in fields(FrameRecord):
         values = [getattr(record, f.name) for record in records]
-        if f.name == "missing":
-            values = [json.dumps(dict(sorted(why.items()))) for why in values]
+        if f.name in _MAPPINGS:
+            values = [json.dumps(dict(sorted(v.items()) if f.name == "missing" else v)) for v in values]
         columns[f.name] = pa.array(values, pa.int64() if int in (f.type, *get_args(f.type)) else pa.string())
     if poses is not None and (known := np.isfinite(poses).all(axis=1)).any():
         rows = pa.array(np.ascontiguousarray(poses).ravel(), pa.float64())
@@ -200,7 +202,7 @@ class Run:
             raise RunError(f"{path}: can't be read (not a table of frames)")
         # In small pieces: Python objects of whole columns would take more memory than all else.
         rows = (row for b in table.select(names).to_batches(max_chunksize=_FRAMES_AT_ONCE) for row in b.to_pylist())
-        return tuple(FrameRecord(**{**row, "missing": json.loads(row["missing"])}) for row in rows)
+        return tuple(FrameRecord(**row | {name: json.loads(row[name]) for name in _MAPPINGS}) for row in rows)
 
     @cached_property
     def poses(self) -> Float64:

@@ -92,7 +92,7 @@ def test_scores_comparison_and_report(log, run, tmp_path):
         ReplayRequest(LogRequest(log), "lidar3d", ["lidar.cluster.eps_m=0.2"], out=tmp_path / "other", no_media=True)
     )
     found = compare(run.folder, other.folder)
-    assert found.is_worse == bool((found.rows()["verdict"] == "worse").any() and found.comparison.is_worse)
+    assert found.is_worse == any(row.verdict == "REGRESSED" for row in found.comparison.gating)
     assert found._repr_html_().count("<tr") > len(found.rows())
     near = score(ScoreRequest([other.folder], ScoreOptions(range_m=20)))
     assert "within 20 m" in near.rows[0].matching

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from tests.metrics.conftest import make_manifest
 
-from fbench.metrics.comparison import require_common_instants, require_comparable
+from fbench.metrics.comparison.pairing import require_common_instants, require_comparable
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
 from fbench.replay.runs.manifest import ConditionEntry, InputEntry, LogEntry, Manifest, MountEntry, TruthEntry

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.latency import count_frames, nearest_rank, stage_latency, summarize, warm_up_frames
+from fbench.metrics.latency import compare_repeats, count_frames, nearest_rank, stage_latency, summarize, warm_up_frames
 
 MS = 1_000_000
 
@@ -91,3 +91,20 @@ def test_nothing_but_warm_up_is_null_with_a_reason(times: dict[str, dict[int, in
 def test_nearest_rank_equals_numpy(times: list[int], percent: int) -> None:
     ranked = sorted(times)
     assert nearest_rank(ranked, percent) == np.percentile(ranked, percent, method="inverted_cdf")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "num", "hosts", "said"),
+    [
+        (1.0, 5, 1, []),
+        (1.5, 5, 1, ["latency of total: 1.5"]),
+        (1.5, 4, 1, ["latency of total: 4 repeats, at least 5 are needed"]),
+        (1.0, 5, 2, ["latency of total: base and head ran on different hosts"]),
+    ],
+)
+def test_latency_is_judged_by_the_ratio_of_repeats(ratio: float, num: int, hosts: int, said: list[str]) -> None:
+    times = [[100 + n, 102 + n, 101 + n] for n in range(num)]
+    repeats = [((own, "a"), ([round(ratio * t) for t in own], "a" if hosts == 1 else n)) for n, own in enumerate(times)]
+    found = compare_repeats(repeats, "total", 1.2, 5)
+    assert len(found) == len(said)
+    assert all(text.startswith(start) for text, start in zip(found, said, strict=True))

@@ -58,3 +58,16 @@ def test_package_and_version_agree():
 
     assert schema.DESCRIPTOR.package == f"fbench.exec.v{VERSION}"
     assert f"package fbench.exec.v{VERSION};" in PROTO.read_text()
+
+
+def test_digests_of_stages_reach_the_other_process():
+    from fbench.pipelines.external.host import write_output
+    from fbench.pipelines.external.messages import read_output
+    from fbench.replay.data.boxes import Boxes3D
+    from fbench.replay.data.frames import Output
+
+    message = schema.Output()
+    write_output(Output(Boxes3D.empty(), None, {}, digests={"lidar": "ab", "camera": "cd"}), message)
+    assert list(read_output(message).digests.items()) == [("lidar", "ab"), ("camera", "cd")]
+    message.digests.extend([schema.Digest(stage=f"{n}" * 100, digest="x" * 100) for n in range(200)])
+    assert len(read_output(message).digests) <= 64

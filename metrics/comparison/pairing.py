@@ -1,103 +1,12 @@
-"""Comparison of two runs: what became better, what worse, and whether that is a regression."""
+"""Which runs may be compared, and what else differs between them."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
 
-from fbench.metrics.definitions.catalog import DEFINITIONS, Better
-from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.metadata import SCENE_ID
-from fbench.replay.data.scores import Score, format_count
+from fbench.replay.data.scores import format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import Manifest
-
-Verdict = Literal["same", "better", "worse", "changed", "gone", "new", "null"]
-"""`changed`: of a number that is neither good nor bad."""
-
-_DECISIVE = ("f1", "mota")
-_ROUNDING = 1e-12  # 0.80 - 0.79 is a little more than 0.01 in binary
-
-
-@dataclass(frozen=True)
-class Row:
-    """One number of both runs."""
-
-    metric: str
-    class_: str
-    slice: str
-    matching: str
-    unit: str
-    base: float | None
-    head: float | None
-    delta: float | None  # `head - base`, where both have a value
-    verdict: Verdict
-    primary: bool  # Whether it decides about regression
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """All rows, the base's order first."""
-
-    rows: tuple[Row, ...]
-    tolerance: float
-
-    @property
-    def is_worse(self) -> bool:
-        """Whether a primary number fell by more than the tolerance, or lost its value."""
-        return any(
-            row.primary and (row.verdict in ("worse", "gone") or (row.base is not None and row.head is None))
-            for row in self.rows
-        )
-
-
-def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> Comparison:
-    """Compare the scores of two runs: `base`, what is compared with, primary rows first, and `head`, what is judged.
-
-    Primary are F1 and MOTA (higher is better) of the base's first row: its class, slice and matching. Up to a change of
-    `tolerance`, in the number's unit, a number counts as the same. Raises ConfigError where that isn't a number from 0
-    on. Raises MetricError where the two have no primary row in common, so that nothing can be said.
-    """
-    if not tolerance >= 0:
-        raise ConfigError(f"tolerance {tolerance}: expected a number from 0 on")
-    before, after = {s.key: s for s in base}, {s.key: s for s in head}
-    firsts = [next((s for s in scores if s.metric in _DECISIVE), None) for scores in (base, head)]
-    primary = [s.key for s in base if s.metric in _DECISIVE and firsts[0] and s.key[1:] == firsts[0].key[1:]]
-    if not any(key in after for key in primary):
-        names = [f"{s.metric} of {s.class_} ({s.matching})" if s else "neither f1 nor mota" for s in firsts]
-        raise MetricError(
-            f"nothing to compare: base has {names[0]}, head has {names[1]}; "
-            "score both with the same options, and compare 3D with 3D, 2D with 2D"
-        )
-    if all(before[key].value is None for key in primary):
-        why = before[primary[0]].reason
-        advice = "fbench score RUN --truth FILE adds truth to a run"
-        raise MetricError(f"nothing to compare: base has no value of f1 or mota ({why}); {advice}")
-    rows = []
-    for key in {**before, **after}:
-        one, other = before.get(key), after.get(key)
-        a, b = (None if score is None else score.value for score in (one, other))
-        delta = None if a is None or b is None else b - a
-        unit = next(score.unit for score in (other, one) if score)
-        rows.append(Row(*key, unit, a, b, delta, _verdict(one, other, delta, tolerance), key in primary))
-    return Comparison(tuple(rows), tolerance)
-
-
-def _verdict(base: Score | None, head: Score | None, delta: float | None, tolerance: float) -> Verdict:
-    if base is None:
-        return "new"
-    if head is None:
-        return "gone"
-    if delta is None:
-        return "null"
-    if abs(delta) <= tolerance + _ROUNDING:
-        return "same"
-    wanted: Better = DEFINITIONS[head.metric].better if head.metric in DEFINITIONS else "higher"
-    if head.unit == "m":  # a distance is an error, whatever the metric is in another unit
-        wanted = "lower"
-    if wanted == "neither":
-        return "changed"
-    return "better" if (delta < 0) == (wanted == "lower") else "worse"
-
 
 _MAX_CHARS = 40  # Longer values of metadata say no more in a note
 

@@ -1,0 +1,314 @@
+"""Gates: runs, suites and baselines compared by a policy, which says what must not become worse."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from fbench.api.scores import open_folder
+from fbench.metrics.comparison.cells import CLEAR, CellName, CellPair, CellSide
+from fbench.metrics.comparison.inference import ErrorRates
+from fbench.metrics.comparison.objects import find_changes, find_divergence
+from fbench.metrics.comparison.verdicts import Judge, Rule, default_rules
+from fbench.metrics.definitions.catalog import definition_of
+from fbench.metrics.latency import compare_repeats
+from fbench.replay.contracts.errors import ConfigError, MetricError, RunError, wrong_key
+from fbench.replay.contracts.variants import read_config
+from fbench.replay.data.comparison import Comparison, ObjectChange, Row, State, WorstFrame
+from fbench.replay.data.scores import format_count
+from fbench.replay.formats.documents import TomlError, parse_toml
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.tables import read_table
+
+CELLS = "cells.parquet"
+_COLUMNS = ("log", "pipeline", "condition", "rate", "seed", "state", "reason", "run")
+_MOST_OBJECTS = 100
+Share = Annotated[float, Field(ge=0, le=1)]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, populate_by_name=True)
+
+
+class GateTable(_Strict):
+    """`[[gate]]`: numbers that must not become worse; names may be patterns such as `range *`."""
+
+    metric: Name
+    class_: Annotated[Name, Field(alias="class")] = "vehicle"
+    slice: Name = "all"
+    condition: Name = "*"
+    pipeline: Name = "*"
+    space: Literal["own", "all"] = "own"
+    kind: Literal["statistical", "absolute", "relative"] = "statistical"
+    tolerance: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.01
+    min: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    max: Annotated[float, Field(allow_inf_nan=False)] | None = None
+
+    @field_validator("metric")
+    @classmethod
+    def _is_known(cls, metric: str) -> str:
+        if not set(metric) & set("*?["):
+            try:
+                definition_of(metric)
+            except ConfigError as error:
+                raise ValueError(str(error)) from error
+        return metric
+
+    def rule(self) -> Rule:
+        """Return it as what judges by it takes."""
+        names = self.metric, self.class_, self.slice, self.condition, self.pipeline
+        return Rule(*names, self.space, self.kind, self.tolerance, self.min, self.max)
+
+
+class BudgetTable(_Strict):
+    """`[budget]`: what the head may lack."""
+
+    min_coverage: Share = 0.0  # Share of frames that must have truth
+    failed_cells: Annotated[int, Field(ge=0)] = 0  # Cells that the base has, and the head hasn't
+    failed_frames: Annotated[int, Field(ge=0)] | None = None  # Frames in which the pipeline failed
+    incomplete: bool = False  # Whether runs may have lost data
+    faults: dict[Name, Annotated[int, Field(ge=0)]] = {}  # Most faults of a code, over all cells
+
+
+class LatencyTable(_Strict):
+    """`[latency]`: ratio of the median times of repeats, which ran interleaved on one host."""
+
+    max_ratio: Annotated[float, Field(gt=0, le=1000)]
+    stage: Name = "total"
+    min_repeats: Annotated[int, Field(ge=3, le=1000)] = 5
+
+
+class Policy(_Strict):
+    """A whole `gate.toml`."""
+
+    version: Literal[1]
+    alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05  # Chance of any false alarm among all statistical gates
+    inconclusive: Literal["pass", "fail"] = "pass"
+    inform: bool = True  # Whether numbers without a gate are judged, too, and shown
+    gate: Annotated[tuple[GateTable, ...], Field(strict=False)] = (
+        GateTable(metric="f1"), GateTable(metric="mota"),
+    )  # fmt: skip
+    budget: BudgetTable = BudgetTable()
+    latency: LatencyTable | None = None
+
+
+_TABLES: Mapping[str, type[BaseModel]] = {"gate": GateTable, "budget": BudgetTable, "latency": LatencyTable}
+
+
+def load_policy(path: Path) -> Policy:
+    """Read a policy. Raises ConfigError in one line with file, line and key where it isn't as it should be."""
+    data = read_config(path, "name a gate.toml", "policy")
+    try:
+        return Policy.model_validate(parse_toml(data))
+    except TomlError as error:
+        raise ConfigError(f"{path}: not TOML: {error}", "CFG003") from error
+    except ValidationError as error:
+        line = _line_of(data.decode("utf-8", "replace"), error.errors(include_url=False)[0]["loc"])
+        why = wrong_key(error, lambda keys: Policy if len(keys) == 1 else _TABLES.get(keys[0], Policy))
+        raise ConfigError(f"{path}:{line}: {why}", "CFG003") from error
+
+
+def _line_of(text: str, place: Sequence[str | int]) -> int:
+    """Return the line, from 1 on, of a key of a TOML text, or of the table that it is missing from."""
+    table, key = [p for p in place[:-1] if isinstance(p, str)], str(place[-1])
+    number = next((p for p in place if isinstance(p, int)), 0)
+    head, seen, found = [], -1, 1
+    for count, line in enumerate(text.splitlines(), 1):
+        if header := re.match(r"\s*\[{1,2}\s*([\w.\-\"']+)\s*\]{1,2}", line):
+            head = [part.strip("\"'") for part in header[1].split(".")]
+            seen += head == table
+            found = count if head == table and seen == number else found
+        inside = head == table and (seen == number or not table)
+        if inside and re.match(rf"\s*[\"']?{re.escape(key)}[\"']?\s*[.=]", line):
+            return count
+    return found
+
+
+@dataclass(frozen=True)
+class CompareRequest:
+    """What is compared, and how it is judged."""
+
+    base: Path
+    """A run folder, a suite folder, or a baseline file."""
+    head: Path
+    """A run folder or a suite folder."""
+    tolerance: float = 0.0
+    """Largest drop of F1 and MOTA that passes, without a policy."""
+    policy: Path | None = None
+    reference: Literal["truth", "base"] = "truth"
+    """`base`: logs have no labels, the base's results stand for truth."""
+
+
+Entry: TypeAlias = CellSide | str
+"""A cell, or why there is none."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """All cells of one side."""
+
+    path: Path
+    cells: Mapping[CellName, Entry]
+    is_suite: bool
+
+
+def open_side(path: Path) -> Side:
+    """Open a run, a suite, or a baseline. Raises ConfigError where there is nothing. Raises RunError where it can't be
+    read.
+    """
+    if path.is_file():
+        from fbench.api.baselines import load_baseline
+
+        kept = load_baseline(path)
+        return Side(path, kept, len(kept) > 1)
+    if not (path / CELLS).is_file():
+        run = open_folder(path)
+        return Side(path, {_name(run): CellSide.of(run)}, False)
+    table = read_table(path / CELLS)
+    if missing := [name for name in _COLUMNS if name not in table.column_names]:
+        raise RunError(f"{path / CELLS}: not a table of cells (no {missing[0]})")
+    cells: dict[CellName, Entry] = {}
+    for row in table.select(list(_COLUMNS)).to_pylist():
+        log, pipeline, condition, rate = (str(row[key] or "") for key in ("log", "pipeline", "condition", "rate"))
+        name = CellName(log, pipeline, condition, rate, int(row["seed"] or 0))
+        if name in cells:
+            raise RunError(f"{path / CELLS}: {name} is there twice")
+        if not row["run"]:
+            cells[name] = f"{row['state']}: {row['reason'] or 'no reason is given'}"
+            continue
+        folder = path / str(row["run"])
+        if not folder.resolve().is_relative_to(path.resolve()):
+            raise RunError(f"{path / CELLS}: {row['run']} isn't inside the suite")
+        cells[name] = CellSide.of(open_folder(folder))
+    return Side(path, cells, True)
+
+
+def _name(run: Run) -> CellName:
+    manifest = run.manifest
+    condition = "+".join(map(str, manifest.conditions)) or CLEAR
+    return CellName(manifest.log.name, manifest.pipeline, condition, "", manifest.seed or 0)
+
+
+def pair_cells(base: Side, head: Side) -> tuple[list[CellPair], list[str], list[str]]:
+    """Return the cells that both sides have, what the head lacks, and notes on what only the head has. Raises
+    ConfigError where a run is to be compared with a suite.
+    """
+    if base.is_suite != head.is_suite and not (len(base.cells) == len(head.cells) == 1):
+        what = ("a suite" if side.is_suite else "a run" for side in (base, head))
+        raise ConfigError(f"{base.path} is {next(what)}, {head.path} is {next(what)}: compare like with like")
+    if len(base.cells) == len(head.cells) == 1 and not (base.is_suite and head.is_suite):
+        (one,), ((name, two),) = base.cells.values(), head.cells.items()
+        if isinstance(one, CellSide) and isinstance(two, CellSide):
+            return [CellPair(name, one, two)], [], []
+    pairs, failures, notes = [], [], []
+    for name, one in base.cells.items():
+        other: Entry | None = head.cells.get(name)
+        if isinstance(one, str):
+            state = one if isinstance(other, str) else "there now" if other else "gone"
+            notes.append(f"{name}: base has no run ({one}); head: {state}")
+        elif isinstance(other, CellSide):
+            pairs.append(CellPair(name, one, other))
+        else:
+            failures.append(f"{name}: base has a run, head has none ({other or 'no such cell'})")
+    notes += [f"{name}: only head has it" for name in head.cells if name not in base.cells]
+    return pairs, failures, notes
+
+
+def compare_sides(request: CompareRequest) -> Comparison:
+    """Compare two runs or suites and judge them. Raises ConfigError where a path or the policy isn't as expected.
+    Raises RunError where a run can't be read. Raises MetricError where the two show different things, were scored by
+    other rules, or measured nothing.
+    """
+    policy = None if request.policy is None else load_policy(request.policy)
+    rules = default_rules(request.tolerance) if policy is None else tuple(table.rule() for table in policy.gate)
+    base, head = open_side(request.base), open_side(request.head)
+    pairs, lacking, notes = pair_cells(base, head)
+    if not pairs:
+        raise MetricError(f"nothing to compare: no cell has a run in both ({'; '.join(lacking[:3] or notes[:3])})")
+    for pair in pairs:
+        several = f"{pair.name}: " if len(pairs) > 1 else ""
+        notes += [f"{several}{note}" for note in pair.notes]
+    if request.reference == "base":
+        from fbench.metrics.comparison.reference import compare_by_base
+
+        return compare_by_base(pairs, tuple(notes), tuple(lacking))
+    how = ErrorRates() if policy is None else ErrorRates(policy.alpha)
+    rows, unused = Judge(rules, how, policy is None or policy.inform).judge(pairs)
+    failures = [] if policy is None else [f"no number fits the gate of {_describe(rule)}" for rule in unused]
+    failures += [*_over_budget(policy or Policy(version=1), pairs, lacking, is_default=policy is None)]
+    if policy is not None and policy.latency is not None:
+        table = policy.latency
+        failures += compare_repeats(
+            [_times(p, table.stage) for p in pairs], table.stage, table.max_ratio, table.min_repeats
+        )
+    objects: list[ObjectChange] = []
+    worst: list[WorstFrame] = []
+    for pair in pairs:
+        changed, frames = find_changes(pair)
+        objects, worst = objects + changed, worst + frames
+    objects.sort(key=lambda change: (-change.num_frames, change.cell, change.from_s))
+    worst.sort(key=lambda frame: (frame.base_errors - frame.head_errors, frame.cell, frame.frame))
+    divergences = tuple(found for pair in pairs if (found := find_divergence(pair)) is not None)
+    state = _state(rows, failures, all(pair.is_identical for pair in pairs), policy)
+    first = tuple(objects[:_MOST_OBJECTS])
+    all_notes = tuple(failures), tuple(notes)
+    return Comparison(tuple(rows), request.tolerance, state, *all_notes, divergences, first, tuple(worst[:10]))
+
+
+def _describe(rule: Rule) -> str:
+    names = (rule.metric, rule.class_, rule.slice, rule.condition, rule.pipeline)
+    return ", ".join(name for name in names if name != "*")
+
+
+def _state(rows: Sequence[Row], failures: Sequence[str], is_identical: bool, policy: Policy | None) -> State:
+    gating = [row for row in rows if row.gate]
+    if failures or any(row.verdict == "REGRESSED" for row in gating):
+        return "failed"
+    if is_identical:
+        return "identical"
+    if any(row.verdict == "INCONCLUSIVE" for row in gating):
+        return "failed" if policy is not None and policy.inconclusive == "fail" else "inconclusive"
+    return "passed"
+
+
+def _over_budget(policy: Policy, pairs: Sequence[CellPair], lacking: Sequence[str], is_default: bool) -> list[str]:
+    budget, found = policy.budget, list[str]()
+    if len(lacking) > budget.failed_cells:
+        found += lacking
+    for pair in pairs:
+        head = pair.head
+        coverage = next((s.value for s in head.scores if s.metric == "coverage"), None)
+        if budget.min_coverage and (coverage is None or coverage < budget.min_coverage):
+            found.append(f"{pair.name}: coverage {coverage} is below {budget.min_coverage:g}")
+        if not is_default and not head.manifest.complete and not budget.incomplete:
+            found.append(f"{pair.name}: head is incomplete: data was lost beyond its fault budget")
+    runs = [pair.head.run for pair in pairs if pair.head.run is not None]
+    if budget.failed_frames is not None:
+        num = sum(frame.failed is not None for run in runs for frame in run.frames)
+        if num > budget.failed_frames:
+            found.append(f"the pipeline failed in {format_count(num, 'frame')}, {budget.failed_frames} may")
+    if budget.faults:
+        counts: dict[str, int] = {}
+        for run in runs:
+            for row in run.json("faults.json")["rows"]:
+                counts[row["code"]] = counts.get(row["code"], 0) + int(row["count"])
+        over = ((code, counts.get(code, 0), most) for code, most in budget.faults.items())
+        found += [f"{format_count(num, 'fault')} {code}, {most} may be" for code, num, most in over if num > most]
+    return found
+
+
+def _times(pair: CellPair, stage: str) -> tuple[tuple[list[int], object], tuple[list[int], object]]:
+    """Times of a stage and the host, of both sides."""
+    sides = []
+    for side in (pair.base, pair.head):
+        if side.run is None:
+            raise MetricError(
+                f"{pair.name}: a baseline file holds no times; compare latency with a suite that ran beside it"
+            )
+        host = side.run.json("host.json")
+        sides.append((side.run.timings.get(stage, []), (host.get("cpu"), host.get("cores"), host.get("platform"))))
+    return sides[0], sides[1]

@@ -1,0 +1,97 @@
+"""`fbench compare` and `fbench baseline`: exit codes, files for CI, and comparisons without labels."""
+
+import json
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+from tests.gate_runs import some, write_drive
+
+from fbench.api.gates import load_policy
+from fbench.cli.pytest_plugin import require_no_regression
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    write_drive(folder / "base", some(0.1, 1))
+    write_drive(folder / "worse", some(0.3, 2))
+    write_drive(folder / "dark", has_truth=False)
+    write_drive(folder / "dark-worse", {(i, 1) for i in range(50, 90)}, has_truth=False)
+    return folder
+
+
+def test_a_loss_is_exit_1_with_reasons_and_files(fbench, runs, tmp_path):
+    policy = tmp_path / "gate.toml"
+    policy.write_text("version = 1\n", encoding="utf-8")
+    files = {kind: tmp_path / f"out/{kind}" for kind in ("junit", "markdown", "github", "json")}
+    targets = [word for kind, path in files.items() for word in ("--write", f"{kind}={path}")]
+    result = fbench("compare", runs / "base", runs / "worse", "--policy", policy, *targets)
+    assert result.code == 1
+    assert "REGRESSED: lidar3d: f1, vehicle, bev 2 m, within 50 m" in result.out
+    assert "first difference: log through lidar3d: frame 0 (0.0 s), lidar: its result differs" in result.out
+    assert "LOST car #" in result.out
+    assert "::error title=fbench%3A f1 REGRESSED::" in result.err
+    assert all(path.is_file() for path in files.values())
+    assert json.loads(files["json"].read_text(encoding="utf-8"))["regressed"] is True
+
+
+def test_without_labels_the_base_is_the_reference(fbench, runs):
+    refused = fbench("compare", runs / "dark", runs / "dark-worse")
+    assert (refused.code, "--reference base" in refused.err) == (3, True)
+    result = fbench("compare", runs / "dark", runs / "dark-worse", "--reference", "base", "--json")
+    assert result.code == 0
+    found = result.json()
+    rows = {row["metric"]: row for row in found["rows"]}
+    assert rows["agreement_detections"]["head"] == pytest.approx(2 * 440 / (480 + 440))
+    assert rows["agreement_detections"]["verdict"] == "changed"
+    first = found["objects"][0]
+    assert (first["kind"], first["track_id"], first["frames"]) == ("LOST", 1, [50, 89])
+    same = fbench("compare", runs / "dark", runs / "dark", "--reference", "base", "--json").json()
+    assert (same["state"], same["objects"]) == ("identical", [])
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (("--policy", "no.toml"), 2, "no.toml: can't be read"),
+        (("--policy", "x", "--tolerance", "1"), 2, "--tolerance goes without --policy"),
+        (("--write", "junti=x"), 2, "did you mean 'junit'"),
+    ],
+)
+def test_wrong_options(fbench, runs, words, code, said):
+    result = fbench("compare", runs / "base", runs / "worse", *words)
+    assert result.code == code
+    assert said in result.err
+
+
+def test_a_baseline_is_accepted_and_compared_with(fbench, runs):
+    words = ("--reason", "first", "--by", "Ada", "--at", "2026-01-02", "-o", "baseline.json")
+    accepted = fbench("baseline", "accept", runs / "base", *words)
+    assert accepted.code == 0
+    assert "accepted by Ada on 2026-01-02: first" in accepted.out
+    assert fbench("compare", "baseline.json", runs / "base").out.endswith("identical: all outputs have equal digests\n")
+    assert fbench("compare", "baseline.json", runs / "worse").code == 1
+    assert "no such run folder" in fbench("baseline", "accept", "nothing", *words).err
+
+
+def test_the_fixture_fails_a_test_with_reasons(runs):
+    assert not require_no_regression(runs / "base", runs / "base").is_worse
+    with pytest.raises(pytest.fail.Exception, match="REGRESSED: lidar3d: f1"):
+        require_no_regression(runs / "base", runs / "worse")
+
+
+def test_examples_for_ci_say_what_the_program_takes(fbench):
+    load_policy(ROOT / "examples/ci/gate.toml")
+    yaml = YAML(typ="safe")
+    github = yaml.load((ROOT / "examples/ci/github.yml").read_text(encoding="utf-8"))
+    steps = [step["run"] for step in github["jobs"]["gate"]["steps"] if "run" in step]
+    gitlab = yaml.load((ROOT / "examples/ci/gitlab.yml").read_text(encoding="utf-8"))
+    options = fbench("compare", "--help").out
+    for command in (*steps, *gitlab["perception"]["script"]):
+        if command.startswith("fbench compare"):
+            assert "--policy gate.toml" in command
+            assert all(word in options for word in command.split() if word.startswith("--"))
+    assert gitlab["perception"]["artifacts"]["reports"] == {"junit": "gate.xml", "metrics": "metrics.txt"}
