@@ -1,6 +1,7 @@
 """Fixtures that all tests share."""
 
 import signal
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +42,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Give each file to one process, and all files that look at the same simulated logs to the same one."""
     if config.getvalue("dist") != "loadfile":
         return None
-    from xdist.scheduler import LoadFileScheduling
-
-    class LoadCityScheduling(LoadFileScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            scope = str(super()._split_scope(nodeid))
-            return CITY if scope.startswith(f"{CITY}/") else scope
-
-    return LoadCityScheduling(config, log)
+    scheduling = import_module("xdist.scheduler").LoadFileScheduling(config, log)
+    file_of = scheduling._split_scope
+    scheduling._split_scope = lambda nodeid: CITY if nodeid.startswith(f"{CITY}/") else file_of(nodeid)
+    return scheduling
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
