@@ -1,7 +1,9 @@
 """Fixtures that all tests share."""
 
 import signal
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -15,10 +17,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LONGEST = (
-    "test_docs.py", "test_verify.py", "test_city_recording.py", "test_every_pipeline_on_recordings.py",
-    "test_suite.py", "test_city_cli.py", "test_every_pipeline.py", "test_replayed.py",
+    "test_docs.py", "test_traffic_long.py", "test_verify.py", "test_every_pipeline_on_recordings.py",
+    "test_city_recording.py", "test_suite.py", "test_city_cli.py", "test_environment.py", "test_every_pipeline.py",
 )  # fmt: skip
 """Files that take more than half a minute. They come first, or else one processor would end with them alone."""
+
+CITY = "tests/datasets/city"
+"""Its session fixtures build several cities, which takes half a minute."""
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -30,6 +35,17 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real recordings are not at {folder}")
     return folder
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give each file to one process, and all files that look at the same simulated logs to the same one."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    scheduling = import_module("xdist.scheduler").LoadFileScheduling(config, log)
+    file_of = scheduling._split_scope
+    scheduling._split_scope = lambda nodeid: CITY if nodeid.startswith(f"{CITY}/") else file_of(nodeid)
+    return scheduling
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -2,12 +2,13 @@
 
 A block's commands must succeed, unless the line ends with a comment `# exit N`. Python blocks whose first line is a
 comment with a file name are written there first. Commands that need recordings or weights skip where there are none.
-Those of fbench run in this process, as to start 150 others takes minutes.
+Those of fbench and python run in this process, as to start 150 others takes minutes.
 """
 
 import ast
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -15,7 +16,11 @@ from glob import glob
 from pathlib import Path
 
 import pytest
+from tests.cli.conftest import circumstances
+from tests.kept_cities import shared_cities
 from tests.program import fbench
+
+__all__ = ["circumstances"]
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -62,16 +67,43 @@ def workplace(tmp_path):
 
 
 def exit_code(command: str) -> int:
-    """Run a command as a shell does; `fbench WORDS` needs none."""
-    if not command.startswith("fbench "):
+    """Run a command as a shell does; `fbench WORDS`, `python FILE WORDS` and `python -c CODE` need none."""
+    if not command.startswith(("fbench ", "python ")):
         return subprocess.run(command, shell=True).returncode
-    words = shlex.split(command)[1:]
+    program, *words = shlex.split(command)
+    if program == "python":
+        return python(*words)
     return fbench(*(name for word in words for name in sorted(glob(word)) or [word]))
+
+
+def python(*words: str) -> int:
+    """Run a program in this process as its main module; what it imports from its folder is forgotten."""
+    before = set(sys.modules)
+    with pytest.MonkeyPatch.context() as patch, shared_cities():
+        patch.syspath_prepend("" if words[0] == "-c" else str(Path(words[0]).resolve().parent))
+        patch.setattr(sys, "argv", ["-c"] if words[0] == "-c" else list(words))
+        try:
+            if words[0] == "-c":
+                exec(words[1], {"__name__": "__main__"})  # noqa: S102  # a command of the page
+            else:
+                runpy.run_path(words[0], run_name="__main__")
+        except SystemExit as stop:
+            return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+        finally:
+            for name in set(sys.modules) - before:
+                if not name.startswith("fbench") and Path.cwd() in Path(_file(name)).parents:
+                    del sys.modules[name]
+    return 0
+
+
+def _file(name: str) -> str:
+    return getattr(sys.modules[name], "__file__", None) or "/"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", with_commands(), ids=lambda page: page.name)
-def test_commands_of_a_page_work(page, workplace, monkeypatch, capfd):
+def test_commands_of_a_page_work(page, workplace, monkeypatch, capfd, circumstances):
+    circumstances("repeat")  # `test_verify` tries all
     for body in (*blocks(page, "python"), *blocks(page, "toml")):
         if name := re.match(r"# (\S+\.(?:py|toml))\n", body):
             (workplace / name[1]).write_text(body)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.city_log import write_city_log
+from tests.program import fbench
 
 from fbench.api import (
     LogRequest,
@@ -69,20 +70,8 @@ def test_an_option_is_the_same_from_python_and_from_the_command_line(log, run, t
     found = replay(ReplayRequest.from_json(request.to_json())).run.manifest.frames
     assert (found.timeout_ns, found.tolerance_ns, found.max_gap_ns) == (45_000_000, 20_000_000, 1_500_000_000)
     assert (found.offsets_ns, found.excerpt) == ({"radar": 1_000_000}, "frames 2:6")
-    command = [sys.executable, "-c", "from fbench.cli import main; main()", "replay", log, "-p", "lidar3d"]
-    options = [
-        "--timeout-ms",
-        "45",
-        "--tolerance-ms",
-        "20",
-        "--max-gap-s",
-        "1.5",
-        "--offset",
-        "radar=1",
-        "--frames",
-        "2:6",
-    ]
-    subprocess.run([*command, *options, "-o", tmp_path / "shell"], check=True, capture_output=True)
+    options = ("--timeout-ms", 45, "--tolerance-ms", 20, "--max-gap-s", 1.5, "--offset", "radar=1", "--frames", "2:6")
+    assert fbench("replay", log, "-p", "lidar3d", *options, "-o", tmp_path / "shell") == 0
     for name in ("manifest.json", "frames.parquet", "detections.parquet", "tracks.parquet", "scores.json"):
         assert (tmp_path / "python" / name).read_bytes() == (tmp_path / "shell" / name).read_bytes(), name
 

@@ -128,19 +128,19 @@ def test_any_number_of_workers_gives_equal_runs_in_the_order_of_cells(log):
 def test_only_what_changed_is_replayed(log):
     cells = [cell(log, "radar3d"), cell(log, "mine.py:Mine")]
     told = []
-    assert states(run_suite(cells, 2, lambda done, of: told.append((done, of)))) == ["replayed", "replayed"]
+    assert states(run_suite(cells, 1, lambda done, of: told.append((done, of)))) == ["replayed", "replayed"]
     assert told == [(0, 2), (1, 2), (2, 2)]
-    assert states(run_suite(cells, 2)) == ["there", "there"]
+    assert states(run_suite(cells, 1)) == ["there", "there"]
 
     changed = [replace(cells[0], settings=["radar.max_range_m=50"]), cells[1]]
-    assert states(run_suite(changed, 2)) == ["replayed", "there"]
+    assert states(run_suite(changed, 1)) == ["replayed", "there"]
     options = [changed[0], replace(cells[1], scoring=ScoreOptions(range_m=40))]
-    assert states(run_suite(options, 2)) == ["there", "replayed"]
+    assert states(run_suite(options, 1)) == ["there", "replayed"]
     Path("mine.py").write_text(MINE + "\n")
-    assert states(run_suite(options, 2)) == ["there", "replayed"]
+    assert states(run_suite(options, 1)) == ["there", "replayed"]
 
     write_log(log, [*messages(2, camera=False), *truths(2)], rig(camera=False))
-    assert states(run_suite(options, 2)) == ["replayed", "replayed"]
+    assert states(run_suite(options, 1)) == ["replayed", "replayed"]
     assert len(Run(folder_of(cells[0])).frames) == 2
 
 
@@ -148,17 +148,17 @@ def test_only_what_changed_is_replayed(log):
 def test_what_is_damaged_or_missing_is_made_anew(log):
     names = ["scores.json", "manifest.json", "frames.parquet", "cell.json", "tracks.parquet", "untouched"]
     cells = [cell(log, "mine.py:Mine", folder=Path("runs") / name) for name in names]
-    run_suite(cells, 2)
+    run_suite(cells, 1)
     whole = contents(folder_of(cells[0]))
     for name in names[:4]:
         (Path("runs") / name / name).write_text("{")
     (Path("runs") / "tracks.parquet" / "tracks.parquet").unlink()
     left = Path("runs") / ".scores.json.partial"  # of a process that was killed
     left.mkdir()
-    assert states(run_suite(cells, 2)) == ["replayed"] * 5 + ["there"]
+    assert states(run_suite(cells, 1)) == ["replayed"] * 5 + ["there"]
     assert all(contents(folder_of(one)) == whole for one in cells)
     assert not left.exists()
-    assert states(run_suite(cells, 2)) == ["there"] * 6
+    assert states(run_suite(cells, 1)) == ["there"] * 6
 
 
 @pytest.mark.slow
@@ -316,11 +316,11 @@ except KeyboardInterrupt:
 def test_interrupted_nothing_half_written_stays_and_no_process(log):
     process = subprocess.Popen([sys.executable, "-c", INTERRUPTED, str(log)])
     marker = Path("at-work")
-    end = time.monotonic() + 60
+    end = time.monotonic() + 600
     while not (marker.exists() and marker.read_text()) and time.monotonic() < end:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    assert process.wait(30) == 130
+    assert process.wait(300) == 130
     worker = int(marker.read_text())
     with pytest.raises(ProcessLookupError):
         os.kill(worker, 0)

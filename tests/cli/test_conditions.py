@@ -232,9 +232,16 @@ def test_verify_holds_under_every_condition(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("condition", ["dust.py:Dust:3", "delay.lidar:4+loss:3+extrinsic:2+object.occlusion:3"])
-def test_verify_holds_under_conditions(fbench, log, tmp_path, condition):
+@pytest.mark.parametrize(
+    ("condition", "tried"),
+    [
+        ("dust.py:Dust:3", ("hash seed", "other time zone, locale and folder", "Parquet")),
+        ("delay.lidar:4+loss:3+extrinsic:2+object.occlusion:3", ("2 threads", "no read-ahead", "MCAP in small chunks")),
+    ],
+)
+def test_verify_holds_under_conditions(fbench, log, tmp_path, circumstances, condition, tried):
     """In other folders, containers, orders of reading, and processes."""
+    circumstances(*tried)
     (tmp_path / "dust.py").write_text(Path(DUST).read_text())
     result = fbench("verify", log, "-p", "lidar3d", "--condition", condition, "--seed", "5")
     assert result.code == 0, result.out + result.err

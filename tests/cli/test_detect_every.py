@@ -63,5 +63,6 @@ def test_an_unknown_pipeline_is_named(fbench, log):
 
 
 @pytest.mark.slow
-def test_verify_takes_it(fbench, log):
+def test_verify_takes_it(fbench, log, circumstances):
+    circumstances("2 threads")
     assert fbench("verify", log, "-p", "late3d", "--detect-every", "2", "--quick").code == 0

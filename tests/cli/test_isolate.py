@@ -248,7 +248,8 @@ def test_an_isolated_file_is_never_imported_here(fbench, log):
 
 
 @pytest.mark.slow
-def test_checks_and_verification_isolate_too(fbench, log):
+def test_checks_and_verification_isolate_too(fbench, log, circumstances):
+    circumstances("hash seed")
     check = fbench("log", "check", log, "-p", "mine.py:AtStart", "--isolate")
     assert (check.code, check.err) == (1, "")
     assert "PRD002" in check.out

@@ -54,7 +54,8 @@ def test_patterns_that_fit_nothing(fbench, log):
 
 
 @pytest.mark.slow
-def test_verify_with_some_of_the_sensors(fbench, log):
+def test_verify_with_some_of_the_sensors(fbench, log, circumstances):
+    circumstances("repeat")
     result = fbench("verify", log, "-p", "lidar3d", "--quick", "--sensors", "lidar", "--keep", "kept")
     assert result.code == 0, result.out
     runs = [manifest(path.parent) for path in Path("kept").glob("*/manifest.json")]

@@ -50,7 +50,8 @@ def test_camera2d_from_end_to_end(fbench, tmp_path, labels, one_car):  # noqa: F
 
 
 @pytest.mark.slow
-def test_replays_of_images_alone_are_equal(fbench, tmp_path, one_car):  # noqa: F811
+def test_replays_of_images_alone_are_equal(fbench, tmp_path, one_car, circumstances):  # noqa: F811
+    circumstances("2 threads")
     log = images(tmp_path / "drive.mcap")
     result = fbench("verify", log, "-p", "camera2d", "--set", f"camera.weights={one_car}", "--quick")
     assert result.code == 0, result.out + result.err

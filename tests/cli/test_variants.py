@@ -88,7 +88,8 @@ def test_a_redacted_run_keeps_the_name_alone(fbench, log, far):
 
 
 @pytest.mark.slow
-def test_a_built_in_variant_is_replayed_verified_and_compared(fbench, log):
+def test_a_built_in_variant_is_replayed_verified_and_compared(fbench, log, circumstances):
+    circumstances("hash seed")
     assert fbench("replay", log, "-p", "thesis/lidar3d").code == 0
     assert manifest("runs/car-thesis-lidar3d")["pipeline"] == "thesis/lidar3d"
     assert manifest("runs/car-thesis-lidar3d")["variant"]["base"] == "plain3d"
@@ -102,8 +103,9 @@ def test_a_built_in_variant_is_replayed_verified_and_compared(fbench, log):
 
 
 @pytest.mark.slow
-def test_verify_from_another_folder(fbench, log, far, monkeypatch):
+def test_verify_from_another_folder(fbench, log, far, monkeypatch, circumstances):
     """Files are found though the replays run elsewhere, and each gets the sensors of the variant."""
+    circumstances("other time zone, locale and folder")
     monkeypatch.chdir(far.parent)
     result = fbench("verify", log, "-p", "far.toml", "--quick", "--keep", "kept")
     assert result.code == 0, result.out + result.err

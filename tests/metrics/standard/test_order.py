@@ -48,7 +48,7 @@ def crowded(rng: np.random.Generator) -> list[Box]:
     ]  # fmt: skip
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
 def test_order_of_rows_and_names_of_tracks_change_nothing(seed: int) -> None:
     rng = np.random.Generator(np.random.PCG64(seed))

@@ -79,7 +79,7 @@ def wicked(folder: Path, code: str, **params: float) -> Exec:
     path = folder / "wicked.py"
     path.write_text(_WICKED)
     quoted = "'" + code.replace("'", "'\"'\"'") + "'"
-    return Exec(ExecParams(f"{sys.executable} {path} {quoted}", **{"frame_timeout_s": 5.0, **params}))
+    return Exec(ExecParams(f"{sys.executable} {path} {quoted}", **{"frame_timeout_s": 30.0, **params}))
 
 
 def frame(index: int, num: int = 4, sensors: Sequence[str] = ("lidar",)) -> Frame:

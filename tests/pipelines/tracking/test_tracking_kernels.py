@@ -17,7 +17,7 @@ def random_states(rng: np.random.Generator, num: int, size: int) -> np.ndarray:
     return values
 
 
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1), num=st.integers(0, 9), size=st.integers(1, 4), dt_s=st.floats(1e-9, 100.0),
     each=st.booleans(),
@@ -45,7 +45,7 @@ def test_both_steps_are_the_closed_forms(seed: int, num: int, size: int, dt_s: f
     np.testing.assert_array_equal(update(states, z, std), np.array(expected))
 
 
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), num=st.integers(0, 9))
 def test_what_is_filtered_of_rectangles(seed: int, num: int) -> None:
     rng = np.random.Generator(np.random.Philox(seed))

@@ -55,7 +55,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("every", [13, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [13, pytest.param(3, marks=pytest.mark.slow)])  # of 10 values, 3 meets all in turn
 @pytest.mark.parametrize("name", PIPELINES)
 def test_every_number_is_refused_or_gives_finite_boxes(name: str, every: int) -> None:
     make, params = PIPELINES[name]

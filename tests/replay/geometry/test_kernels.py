@@ -108,8 +108,7 @@ def test_what_a_kernel_calls_in_another_file_compiles_it_anew(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
-@pytest.mark.parametrize("damage", ["empty", "half", "garbage"])
+@pytest.mark.parametrize(("kind", "damage"), [("*.nbi", "empty"), ("*.nbi", "garbage"), ("*.nbc", "half")])
 def test_damaged_machine_code_is_replaced(cache: Path, sources: Path, kind: str, damage: str):
     wanted = run(sources)
     (path,) = cache.rglob(f"loops.scale-{kind}")

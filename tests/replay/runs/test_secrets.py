@@ -125,17 +125,17 @@ HOSTILE = [
 @pytest.mark.parametrize("before", ["", "http://", "--token ", "http:/u:x/"])
 def test_time_grows_with_length_alone(piece, before):
     text = before + piece * (100_000 // len(piece))
-    start = time.monotonic()
+    start = time.process_time()
     without_secrets(text)
-    assert time.monotonic() - start < 5  # a quadratic scan takes minutes
+    assert time.process_time() - start < 20  # a quadratic scan takes minutes
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("piece", ["a://", "@", "http:/u:x/"])
 def test_a_megabyte_is_done_in_seconds(piece):
-    start = time.monotonic()
+    start = time.process_time()
     without_secrets(piece * (1_000_000 // len(piece)))
-    assert time.monotonic() - start < 30
+    assert time.process_time() - start < 30
 
 
 def test_names():

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.kept_cities import kept
 
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, RigSpec, thesis_rig
@@ -28,7 +29,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> list[Sample]:
     path: Path = tmp_path_factory.mktemp("preview") / "city.mcap"
     camera = CameraSpec(translation_m=(2.0, 0.0, 1.0), rate_hz=5.0, size_wh=(400, 300))
     rig = RigSpec(cameras={"camera": camera}, lidars=thesis_rig().lidars)
-    write_recording(CityRecording(CitySpec(seconds=0.6, seed=5, rig=rig), "city"), Target(path), lambda *_: None)
+    write_recording(CityRecording(CitySpec(seconds=0.6, rig=rig), "city", cities=kept()), Target(path), lambda *_: None)
     reader = open_log(path, FaultLog())
     return list(collect(reader, partial_rig(reader), PreviewRequest(num=3), FaultLog()).samples)
 

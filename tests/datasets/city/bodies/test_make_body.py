@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 from embreex.mesh_construction import TriangleMesh
@@ -22,11 +24,17 @@ SIZES_M = {
 BUDGET = {"car": 1500, "van": 1500, "truck": 2000, "bus": 2000, "motorcycle": 1700, "bicycle": 1500, "pedestrian": 720}
 VEHICLES = ("car", "van", "truck", "bus", "motorcycle", "bicycle")
 NUM_DRAWS = 6
-BODIES = {kind: [make_body(kind, generator(1, kind, i)) for i in range(NUM_DRAWS)] for kind in KINDS}
-for style in ("hatchback", "sedan", "estate", "suv"):
-    BODIES["car"].append(make_car(generator(2, style), style))
-for lorry in LORRIES:
-    BODIES["truck"].append(make_truck(generator(2, lorry), lorry))
+
+
+@cache
+def bodies(kind: str) -> list[Body]:
+    """Some of a kind; made for the first test that looks at them, as that takes seconds."""
+    made = [make_body(kind, generator(1, kind, i)) for i in range(NUM_DRAWS)]
+    if kind == "car":
+        made += [make_car(generator(2, style), style) for style in ("hatchback", "sedan", "estate", "suv")]
+    if kind == "truck":
+        made += [make_truck(generator(2, lorry), lorry) for lorry in LORRIES]
+    return made
 
 
 def corners(mesh: Mesh) -> np.ndarray:
@@ -44,7 +52,7 @@ def middles(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_box_is_exact_and_plausible(kind: str) -> None:
-    for body in BODIES[kind]:
+    for body in bodies(kind):
         points = np.concatenate([mesh.vertices_m for mesh in body.phases]).astype(np.float64)
         assert np.isfinite(points).all()
         low, high, size = points.min(0), points.max(0), np.array(body.size_lwh_m)
@@ -58,7 +66,7 @@ def test_the_box_is_exact_and_plausible(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_label_phases_and_budget(kind: str) -> None:
-    for body in BODIES[kind]:
+    for body in bodies(kind):
         assert body.label == kind
         assert len(body.phases) == {"pedestrian": 12, "bicycle": 8}.get(kind, 1)
         assert max(map(len, body.phases)) <= BUDGET[kind]
@@ -66,7 +74,7 @@ def test_label_phases_and_budget(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_triangle_is_degenerate_and_colors_are_albedos(kind: str) -> None:
-    for body in BODIES[kind]:
+    for body in bodies(kind):
         for mesh in body.phases:
             assert np.linalg.norm(normals(mesh), axis=1).min() / 2 > 5e-8
             assert mesh.color.min() >= 0
@@ -75,7 +83,7 @@ def test_no_triangle_is_degenerate_and_colors_are_albedos(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_surfaces_look_outward(kind: str) -> None:
-    for body in BODIES[kind]:
+    for body in bodies(kind):
         mesh = body.phases[0]
         scene = EmbreeScene(robust=True)
         TriangleMesh(scene, mesh.vertices_m, mesh.triangles)
@@ -96,7 +104,7 @@ def test_surfaces_look_outward(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", VEHICLES)
 def test_lamps_and_glass(kind: str) -> None:
-    for body in BODIES[kind]:
+    for body in bodies(kind):
         mesh = body.phases[0]
         heads, tails, brakes = (middles(mesh, mesh.lamp == lamp) for lamp in (HEAD, TAIL, BRAKE))
         assert min(len(heads), len(tails), len(brakes)) > 0
@@ -114,7 +122,7 @@ def test_lamps_and_glass(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", VEHICLES)
 def test_wheels_stand_on_the_ground(kind: str) -> None:
-    for body in BODIES[kind]:
+    for body in bodies(kind):
         mesh = body.phases[0]
         rubber = mesh.triangles[mesh.material == INDEX["rubber"]]
         points = mesh.vertices_m[np.unique(rubber)]
@@ -129,7 +137,7 @@ def test_wheels_stand_on_the_ground(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["car", "van", "truck", "bus"])
 def test_rays_pass_under_vehicles(kind: str) -> None:
-    body = BODIES[kind][0]
+    body = bodies(kind)[0]
     scene = EmbreeScene(robust=True)
     TriangleMesh(scene, body.phases[0].vertices_m, body.phases[0].triangles)
     origin = np.array([[0, 5, 0.1], [0, 5, 0.6 * body.size_lwh_m[2]]], np.float32)
@@ -141,9 +149,9 @@ def test_rays_pass_under_vehicles(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_same_draw_same_bytes_other_draw_other_body(kind: str) -> None:
     again = make_body(kind, generator(1, kind, 0))
-    assert content(again) == content(BODIES[kind][0])
-    assert len({body.size_lwh_m for body in BODIES[kind]}) == len(BODIES[kind])
-    assert len({body.phases[0].color.tobytes() for body in BODIES[kind]}) > NUM_DRAWS // 2
+    assert content(again) == content(bodies(kind)[0])
+    assert len({body.size_lwh_m for body in bodies(kind)}) == len(bodies(kind))
+    assert len({body.phases[0].color.tobytes() for body in bodies(kind)}) > NUM_DRAWS // 2
 
 
 def content(body: Body) -> bytes:
@@ -152,7 +160,7 @@ def content(body: Body) -> bytes:
 
 
 def test_the_gait_is_symmetric_by_half_a_cycle() -> None:
-    for body in BODIES["pedestrian"][:3]:
+    for body in bodies("pedestrian")[:3]:
         for i in range(6):
             ours, other = (feet_of(body.phases[k]) for k in (i, i + 6))
             np.testing.assert_allclose(ours[0], other[1], atol=0.03)
@@ -160,7 +168,7 @@ def test_the_gait_is_symmetric_by_half_a_cycle() -> None:
 
 
 def test_the_gait_goes_on_smoothly_and_swings() -> None:
-    body = BODIES["pedestrian"][0]
+    body = bodies("pedestrian")[0]
     feet = np.array([feet_of(mesh) for mesh in body.phases])
     steps = np.linalg.norm(feet - np.roll(feet, 1, axis=0), axis=2)
     assert steps.max() < 0.4
@@ -186,7 +194,7 @@ def shoe_triangles(mesh: Mesh) -> np.ndarray:
 
 
 def test_pedals_turn_and_wheels_do_not() -> None:
-    body = BODIES["bicycle"][0]
+    body = bodies("bicycle")[0]
     first, half = body.phases[0].vertices_m, body.phases[4].vertices_m
     moved = np.abs(first - half).max(1) > 0.05
     assert 0.05 < moved.mean() < 0.7

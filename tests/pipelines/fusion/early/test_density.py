@@ -72,7 +72,7 @@ def test_a_million_points():
     assert max(found(joined(points(L, xyz[::2]), points(R, xyz[1::2], rate_mps=4.0)))) >= 0
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=100)
 @given(num=st.integers(0, 30), seed=st.integers(0, 1000), wide=st.sampled_from([0.5, 2.0, 5.0]))
 def test_the_kernel_agrees_with_the_definition(num: int, seed: int, wide: float):
     random, edge = np.random.default_rng(seed), 0.2

@@ -59,7 +59,7 @@ def plain_dbscan(points, radii, min_points):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @given(clouds(), eps, min_points)
 def test_core_points_and_noise_are_those_of_scikit_learn(points, eps, min_points):
     require_agreement_with_scikit_learn(points, eps, min_points)
@@ -67,9 +67,9 @@ def test_core_points_and_noise_are_those_of_scikit_learn(points, eps, min_points
 
 @pytest.mark.slow
 @pytest.mark.parametrize("num_axes", [1, 2, 3])
-def test_thousands_of_clouds_of_all_densities_agree_with_scikit_learn(num_axes):
+def test_hundreds_of_clouds_of_all_densities_agree_with_scikit_learn(num_axes):
     rng = np.random.Generator(np.random.Philox(num_axes))
-    for _ in range(700):
+    for _ in range(250):
         num = int(rng.integers(1, 120))
         points = rng.normal(0, rng.uniform(0.1, 4, num_axes), (num, num_axes)) + rng.choice([0, 5e4])
         points = np.concatenate([points, points[: num // 5], points[: num // 8] + 0.3])
@@ -84,7 +84,7 @@ def test_order_of_points_changes_nothing(points, eps, min_points, random):
     np.testing.assert_array_equal(dbscan(points[order], eps, min_points), dbscan(points, eps, min_points)[order])
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @given(clouds(), eps, min_points)
 def test_numbers_and_border_points_are_those_of_the_plain_definition(points, eps, min_points):
     expected = plain_dbscan(points, np.full(len(points), eps), min_points)
@@ -92,7 +92,7 @@ def test_numbers_and_border_points_are_those_of_the_plain_definition(points, eps
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @given(clouds(), st.data(), min_points)
 def test_radius_for_each_point_is_that_of_the_plain_definition(points, data, min_points):
     radii = np.array(data.draw(st.lists(st.sampled_from([0.25, 0.75, 1, 1.75, 6]), min_size=60, max_size=60)))

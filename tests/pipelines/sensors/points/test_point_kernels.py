@@ -23,8 +23,8 @@ from fbench.pipelines.sensors.points.vehicle import fit_rectangles
 from fbench.pipelines.sensors.radar.doppler import agreement
 
 seeds = st.integers(0, 2**32 - 1)
-often = settings(deadline=None, max_examples=1000)
-at_times = settings(deadline=None, max_examples=300)
+often = settings(deadline=None, max_examples=150)
+at_times = settings(deadline=None, max_examples=100)
 
 
 def scattered(rng, num, num_axes):
