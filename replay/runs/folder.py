@@ -28,7 +28,8 @@ from fbench.replay.runs.tables import BoxTable, BoxWriter, column_array, read_bo
 B = TypeVar("B", Boxes2D, Boxes3D)
 _FRAMES_AT_ONCE = 256
 _CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
-_MAPPINGS = ("missing", "stages")  # Fields of frames that are kept as JSON
+_STAGES = "stages"
+_MAPPINGS = ("missing", _STAGES)  # Fields of frames that are kept as JSON
 FRAMES, POSE = "frames.parquet", "pose"  # The table of frames; its column that is there where the log has poses
 
 
@@ -198,11 +199,14 @@ class Run:
         path = self.folder / FRAMES
         table = read_table(path)
         names = [f.name for f in fields(FrameRecord)]
+        if _STAGES not in table.column_names:  # In runs of before there were digests of stages
+            names.remove(_STAGES)
         if sorted(set(table.column_names) - {POSE}) != sorted(names):
             raise RunError(f"{path}: can't be read (not a table of frames)")
         # In small pieces: Python objects of whole columns would take more memory than all else.
         rows = (row for b in table.select(names).to_batches(max_chunksize=_FRAMES_AT_ONCE) for row in b.to_pylist())
-        return tuple(FrameRecord(**row | {name: json.loads(row[name]) for name in _MAPPINGS}) for row in rows)
+        kept = [name for name in _MAPPINGS if name in names]
+        return tuple(FrameRecord(**row | {name: json.loads(row[name]) for name in kept}) for row in rows)
 
     @cached_property
     def poses(self) -> Float64:

@@ -1,8 +1,10 @@
 """Run folders: tables of boxes read back as they were, damage is found."""
 
+import dataclasses
 import json
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -97,6 +99,13 @@ def test_table_of_another_kind_is_refused(folder):
     (folder / "detections.parquet").write_bytes((folder / "frames.parquet").read_bytes())
     with pytest.raises(RunError, match=r"detections.parquet: can't be read \(not a table of boxes\)"):
         _ = Run(folder).detections
+
+
+def test_runs_of_before_digests_of_stages_are_read(folder):
+    path = folder / "frames.parquet"
+    frames = Run(folder).frames
+    pq.write_table(pq.read_table(path).drop_columns("stages"), path)
+    assert Run(folder).frames == tuple(dataclasses.replace(frame, stages={}) for frame in frames)
 
 
 def test_what_is_no_run_says_so(folder, tmp_path):
