@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from fbench.api.cells import CellResult
 from fbench.api.runs import short_name
+from fbench.api.suites.cells import CellResult
 from fbench.metrics.core.bootstrap import Bootstrap
 from fbench.metrics.robustness.matrix import CLEAR, Cell, Matrix, matrix_tables
 from fbench.metrics.robustness.recovery import Outage, find_outages

@@ -15,7 +15,7 @@ from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError, out
 from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
-    from fbench.api.cells import CellResult
+    from fbench.api.suites.cells import CellResult
     from fbench.cli.experiment import Drive, Experiment
     from fbench.datasets.city.request import Split
     from fbench.replay.data.scores import Results
@@ -78,8 +78,9 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     """Simulate, replay and score what isn't there; print and write the results; return the exit code. Raises
     ConfigError where the folder can't be written.
     """
-    from fbench.api.suite import run_suite
-    from fbench.cli.experiment import is_lossy, results_of, simulate
+    from fbench.api.suites.logs import simulate
+    from fbench.api.suites.run import RunOptions, run_suite
+    from fbench.cli.experiment import is_lossy, results_of
     from fbench.datasets.importing.run import claim
 
     try:
@@ -99,7 +100,7 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
             say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
             cells = what.cells()
             with replay_progress("replays") as progress_of_replays:
-                found = run_suite([cell for _, cell in cells], num_workers, progress_of_replays)
+                found = run_suite([cell for _, cell in cells], RunOptions(num_workers), progress_of_replays)
             of = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
             total = f"{of['there'] + of['replayed']} of {len(found) - of['unfit']}"
             say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")

@@ -1,53 +1,24 @@
 """The city's experiment: logs, pipelines, and results."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from fbench.api.cells import CellResult, is_sealed_log, seal_log, was_sealed
 from fbench.api.runs import short_name
-from fbench.datasets.importing.run import holds_log, write_recording
-from fbench.replay.contracts.errors import ConfigError
+from fbench.api.suites.cells import CellResult
+from fbench.api.suites.logs import Drive
 from fbench.replay.contracts.plugins import entry_points_of, pipeline_class
 from fbench.replay.contracts.protocols import TakesArgument
 from fbench.replay.contracts.variants import find_variants
 from fbench.replay.data.scores import Results, format_count
-from fbench.replay.logs.convert.target import Target
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import describe_host, package_versions
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
-if TYPE_CHECKING:
-    from fbench.datasets.city.spec import CitySpec
-
 CLEAR = "clear"
 _OWN = "fbench.pipelines."
-
-
-@dataclass(frozen=True)
-class Drive:
-    """One simulated log."""
-
-    spec: "CitySpec"
-    log: Path
-
-    @property
-    def condition(self) -> str:
-        """Under which it is recorded."""
-        return self.spec.condition.name
-
-    @property
-    def scene(self) -> str:
-        """What conditions are compared on."""
-        return f"{self.spec.world}-{self.spec.seed}"
-
-    @property
-    def name(self) -> str:
-        """Of its log and of the folder of its runs."""
-        return f"{self.spec.world}-{self.condition}-{self.spec.seed}"
 
 
 @dataclass(frozen=True)
@@ -88,28 +59,6 @@ def own_pipelines() -> tuple[str, ...]:
 def own_variants() -> tuple[str, ...]:
     """Return the variants that come with fbench: the thesis's configurations as written."""
     return tuple(variant.name for variant, point in find_variants() if point.value.startswith(_OWN))
-
-
-def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None]) -> Iterator[bool]:
-    """Write the logs that aren't there, or aren't whole any more; yields for each whether it was written. Raises
-    ConfigError where a log can't be written, or another has its name.
-    """
-    from fbench.datasets.city.recording import Cities, CityRecording
-
-    cities = Cities()
-    for drive in drives:
-        drive.log.parent.mkdir(parents=True, exist_ok=True)
-        is_there = is_sealed_log(drive.log, drive.spec.log_id)
-        if not is_there:
-            # Without a seal where a simulation was killed just before it would have written that.
-            if drive.log.exists() and not was_sealed(drive.log) and not holds_log(drive.log, drive.spec.log_id):
-                raise ConfigError(
-                    f"{drive.log}: exists already, and is no log of the demo; choose another folder with --out"
-                )
-            recording = CityRecording(drive.spec, drive.name, cities=cities)
-            write_recording(recording, Target(drive.log, overwrite=True), progress)
-            seal_log(drive.log, drive.spec.log_id)
-        yield not is_there
 
 
 def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]]) -> Results:

@@ -152,6 +152,16 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     ),
     "report": ("fbench report runs/log-lidar3d", "fbench report runs/log-lidar3d runs/log-late3d -o both.html"),
     "compare": ("fbench compare runs/base runs/head", "fbench compare runs/base runs/head --tolerance 0.01"),
+    "bench": (
+        "fbench bench suite.toml",
+        "fbench bench suite.toml --jobs 4 -o runs/nightly --json",
+        "fbench bench suite.toml --leave-one-out",
+        "fbench bench suite.toml --scheduler tcp://10.0.0.1:8786 --store s3://lab/results",
+    ),
+    "bench init": (
+        "fbench bench init drives/*.mcap",
+        "fbench bench init log.mcap -p late3d,lidar3d --condition fog --condition rain:5 -o suites/weather.toml",
+    ),
     "robust": (
         "fbench robust log.mcap -p late3d,lidar3d",
         "fbench robust log.mcap -p late3d --suite faults --severity 3",

@@ -14,8 +14,8 @@ from fbench.cli.show import print_json, replay_progress, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
 if TYPE_CHECKING:
-    from fbench.api.cells import CellResult
     from fbench.api.robust import RobustSuite, SuiteCell
+    from fbench.api.suites.cells import CellResult
     from fbench.replay.data.scores import Results
 
 
@@ -105,7 +105,7 @@ def _command(
 def _run(what: "RobustSuite", num_workers: int, json: bool) -> int:
     """Replay what isn't there, print and write the results, and return the exit code."""
     from fbench.api.robust import is_lossy, results_of
-    from fbench.api.suite import run_suite
+    from fbench.api.suites.run import RunOptions, run_suite
     from fbench.datasets.importing.run import claim
 
     cells = list(what.cells())
@@ -116,7 +116,7 @@ def _run(what: "RobustSuite", num_workers: int, json: bool) -> int:
     try:
         with claim(what.folder / "robust", lambda: say("waiting for another fbench robust in this folder")):
             with replay_progress("replays") as progress:
-                found = run_suite([cell.request for cell in cells], num_workers, progress)
+                found = run_suite([cell.request for cell in cells], RunOptions(num_workers), progress)
             done = list(zip(cells, found, strict=True))
             results = results_of(what, done)
             paths = _write(what, results, done)

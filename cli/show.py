@@ -252,6 +252,13 @@ class ImportProgress:
         self._progress.reset(self._one, visible=False)
 
     @contextmanager
+    def hide(self) -> Iterator[None]:
+        """Show nothing while the `with` block runs."""
+        self._progress.stop()
+        yield
+        self._progress.start()
+
+    @contextmanager
     def finish(self, num: int) -> Iterator[None]:
         """Tell that a sequence of `num` items is done; nothing is shown while the `with` block prints about it."""
         # How many there would be was an estimate.

@@ -6,7 +6,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from fbench.api.suite import run_suite
+from fbench.api.suites.run import RunOptions, run_suite
 from fbench.cli.experiment import Drive, Experiment, own_pipelines
 from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.setup.request import ReplayRequest
@@ -134,12 +134,12 @@ def test_cells_of_a_suite_and_their_folders(log, far, monkeypatch, tmp_path):
     cells = [
         ReplayRequest(LogRequest(log, config=NO_CONFIG), str(far), out=Path("runs/far"), overwrite=True, no_media=True)
     ]
-    assert [result.state for result in run_suite(cells, 1)] == ["replayed"]
-    assert [result.state for result in run_suite(cells, 1)] == ["there"]
+    assert [result.state for result in run_suite(cells, RunOptions(1))] == ["replayed"]
+    assert [result.state for result in run_suite(cells, RunOptions(1))] == ["there"]
     far.write_text(FAR.replace('["lidar"]', '["lid*"]'))
-    assert [result.state for result in run_suite(cells, 1)] == ["replayed"]
+    assert [result.state for result in run_suite(cells, RunOptions(1))] == ["replayed"]
     far.write_text(FAR.replace("0.25", "0.5"))
-    assert [result.state for result in run_suite(cells, 1)] == ["replayed"]
+    assert [result.state for result in run_suite(cells, RunOptions(1))] == ["replayed"]
 
 
 def test_folders_of_an_experiment(tmp_path):
