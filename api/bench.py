@@ -108,8 +108,8 @@ def run_bench(
     waits: Callable[[], None] = lambda: None,
     watch: Callable[[Sequence[SuiteCell]], AbstractContextManager[None]] = lambda cells: nullcontext(),
 ) -> BenchResult:
-    """Run a suite as `bench` does, and return what became of each cell; `watch` is entered with all cells, and left when
-    they are done.
+    """Run a suite as `bench` does, and return what became of each cell; `watch` is entered with all cells, and left
+    when they are done.
     """
     suite = read_suite(request.suite, request.out)
     make_folder(suite.folder)

@@ -8,9 +8,7 @@ from pathlib import Path
 from fbench.api.runs import short_name
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.logs import Drive
-from fbench.replay.contracts.plugins import entry_points_of, pipeline_class
-from fbench.replay.contracts.protocols import TakesArgument
-from fbench.replay.contracts.variants import find_variants
+from fbench.api.suites.plan import SuiteCell
 from fbench.replay.data.scores import Results, format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import describe_host, package_versions
@@ -18,7 +16,6 @@ from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
 CLEAR = "clear"
-_OWN = "fbench.pipelines."
 
 
 @dataclass(frozen=True)
@@ -30,6 +27,7 @@ class Experiment:
     folder: Path
     command: str  # That does it again
     settings: Mapping[str, Sequence[str]] = field(default_factory=dict)  # `NAME=VALUE`, by pipeline
+    content: str = ""  # Of the suite file, where there is one
 
     @property
     def conditions(self) -> list[str]:
@@ -47,18 +45,12 @@ class Experiment:
             for drive in self.drives for pipeline in self.pipelines
         ]  # fmt: skip
 
-
-def own_pipelines() -> tuple[str, ...]:
-    """Return fbench's own pipelines that need nothing beside the log, but for those that variants are made of."""
-    bases = {variant.base for variant, _ in find_variants()}
-    points = entry_points_of("pipelines").items()
-    own = [name for name, point in points if point.value.startswith(_OWN) and name not in bases]
-    return tuple(name for name in own if not isinstance(pipeline_class(name), TakesArgument))
-
-
-def own_variants() -> tuple[str, ...]:
-    """Return the variants that come with fbench: the thesis's configurations as written."""
-    return tuple(variant.name for variant, point in find_variants() if point.value.startswith(_OWN))
+    def name_cells(self, done: Sequence[tuple[Drive, CellResult]]) -> list[tuple[SuiteCell, CellResult]]:
+        """Return the cells as a suite names them."""
+        return [
+            (SuiteCell(drive.name, short_name(result.cell.pipeline), CLEAR, "max", 0, result.cell), result)
+            for drive, result in done
+        ]  # fmt: skip
 
 
 def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]]) -> Results:

@@ -175,8 +175,8 @@ class _Place:
 
 
 def _logs(text: SuiteText, beside: Path, out: Path) -> Iterator[SuiteLog]:
-    places: dict[str, Place] = {}
-    paths: dict[str, str] = {}
+    names: dict[str, SuiteLog] = {}
+    paths: set[str] = set()
     for number, entry in enumerate(text.file.logs):
         place: Place = ("logs", number)
         table = LogTable(path=entry) if isinstance(entry, str) else entry
@@ -188,11 +188,12 @@ def _logs(text: SuiteText, beside: Path, out: Path) -> Iterator[SuiteLog]:
                 what = "expected letters, digits and '_.+-' between them, as it names a folder"
                 raise text.error((*place, "name"), f"'{log.name}' can't be a name: {what}")
             path = log.url or str(log.request.path.resolve())
-            if path in paths:
+            other = names.setdefault(log.name, log)
+            if log == other is not log or (path in paths and log.drive is None):
                 raise text.error(place, f"'{log.name}' is listed twice")
-            if log.name in places:
+            if other is not log:
                 raise text.error(place, f"two logs are called '{log.name}'; give one a name")
-            places[log.name], paths[path] = place, log.name
+            paths.add(path)
             yield log
 
 
@@ -231,15 +232,12 @@ def _simulated(text: SuiteText, place: Place, table: LogTable, out: Path) -> Ite
     for key in ("config", "truth", "truth_format", "rig"):
         if key in table.model_fields_set:
             raise text.error((*place, key), "is for a recorded log")
-    worlds, seeds, conditions = (_listed(value) for value in (table.simulate, table.seed, table.condition))
-    every = list(product(worlds, seeds, conditions))
+    every = list(product(_listed(table.simulate or ""), _listed(table.seed), _listed(table.condition)))
     if table.name is not None and len(every) > 1:
         raise text.error((*place, "name"), f"{len(every)} logs can't all have one name")
     for world, seed, condition in every:
         with _Place(text, place):
-            request = CityRequest(
-                str(world), str(condition), table.seconds, int(seed or 0), None, table.sensors, table.set
-            )
+            request = CityRequest(world, condition, table.seconds, seed, None, table.sensors, table.set)
             drive = Drive(request.spec(), Path())
         name = table.name or drive.name
         path = out / LOGS / f"{name}.mcap"

@@ -31,10 +31,10 @@ class Worker:
         """Have a cell replayed."""
         if self._process is None:
             # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
+            command = [sys.executable, "-P", "-m", self._module, str(self._max_bytes)]
             self._process = subprocess.Popen(  # noqa: S603  # a module of ours
-                [sys.executable, "-P", "-m", self._module, str(self._max_bytes)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=self._stderr, encoding="utf-8", errors="replace", env={**os.environ, **_ONE_THREAD},
-                start_new_session=True,
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._stderr, encoding="utf-8",
+                errors="replace", env={**os.environ, **_ONE_THREAD}, start_new_session=True,
             )  # fmt: skip
         process = self._process
         self._stderr_start = self._num_bytes_on_stderr()

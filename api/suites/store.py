@@ -30,7 +30,8 @@ def open_place(url: str) -> tuple[Any, str]:
     import fsspec
 
     try:
-        return fsspec.core.url_to_fs(url)
+        place, path = fsspec.core.url_to_fs(url)
+        return place, str(path)
     except (ImportError, ValueError, OSError) as error:
         raise ConfigError(f"{without_secrets(url)}: can't be used ({error})") from error
 
@@ -135,7 +136,7 @@ class ResultStore:
 
 
 def put_log(path: Path, url: str) -> None:
-    """Copy a log, a file, to an address, unless one of its size is there. Raises OutputError where that keeps failing."""
+    """Copy a log, a file, to an address, unless one of its size is there. Raises OutputError where that fails."""
     place, inside = open_place(url)
 
     def put() -> None:
