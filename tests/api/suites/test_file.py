@@ -124,7 +124,7 @@ def test_what_is_wrong_is_one_line_with_file_line_and_key(tmp_path, content, lin
 
 
 def test_what_is_no_toml_says_where(tmp_path):
-    with pytest.raises(ConfigError, match=r"suite.toml: isn't TOML .*line 2"):
+    with pytest.raises(ConfigError, match=r"suite.toml: isn't TOML .*line 3"):
         suite_of("version = 1\nlogs = [\n[x\n", tmp_path)
 
 
