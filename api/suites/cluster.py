@@ -112,7 +112,9 @@ class DaskScheduler:
             self._client.submit(_run_cells, [texts[index] for index in task], pure=False, retries=_RETRIES): task
             for task in tasks
         }
-        for future in distributed.as_completed(futures):
+        with self._client.as_current():
+            done = distributed.as_completed(futures)
+        for future in done:
             task = futures.pop(future)
             if future.status == "finished":
                 yield from ((i, self._receive(cells[i], own)) for i, own in zip(task, future.result(), strict=True))

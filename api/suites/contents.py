@@ -41,6 +41,7 @@ class Contents:
     def __init__(self) -> None:
         self._digest_of: Callable[[Path], str] = cache(digest_of)
         self._package_of: Callable[[str], str] = cache(_digest_package)
+        self._parts: dict[str, Content | None] = {}
         self._around: Content = {**describe_code(), "cpu": describe_host()["cpu"]}
 
     def of(self, cell: ReplayRequest) -> Content | None:
@@ -48,28 +49,54 @@ class Contents:
         may give something else each time, and a plug-in that is isolated isn't imported here. Raises FbenchError where
         log, pipeline or parameters can't be used.
         """
-        if cell.isolate or isinstance(cls := pipeline_class(cell.pipeline), KeepsStderr):
+        pipeline = self._part(self._pipeline, cell, (cell.pipeline, cell.settings, cell.sensors, cell.isolate))
+        if pipeline is None:
             return None
-        source = log_source(cell.log)
-        truth = source.truth_entry()
         return {
             "format": FORMAT,
-            "log": self._digest_of(cell.log.path),
-            "topics": list(cell.log.topics),
-            "inputs": [entry.model_dump() for entry in source.input_entries()],
-            "truth": None if truth is None else truth.model_dump(),
-            "pipeline": _without_folder(cell.pipeline),
-            "source": self._source(cls),
-            "parameters": pipeline_parameters(cell.pipeline, list(cell.settings)),
-            "sensors": sensors_of(cell.pipeline, make_sensors(cell.sensors)),
-            "conditions": [
-                [part.id, dict(part.level), part.sensors, part.from_ns, part.to_ns, self._source(type(part.condition))]
-                for part in parse_conditions(cell.condition)
-            ],
+            **(self._part(self._log, cell, cell.log) or {}),
+            **pipeline,
+            **(self._part(self._conditions, cell, cell.condition) or {}),
             "options": {name: getattr(cell, name) for name in _OPTIONS_OF_RUN},
             "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
             "media": not cell.no_media,
             **self._around,
+        }
+
+    def _part(self, make: Callable[[ReplayRequest], Content | None], cell: ReplayRequest, of: object) -> Content | None:
+        """What cells have in common, made once: to look for plug-ins takes longer than all else."""
+        key = f"{make.__name__} {of!r}"
+        if key not in self._parts:
+            self._parts[key] = make(cell)
+        return self._parts[key]
+
+    def _log(self, cell: ReplayRequest) -> Content:
+        source = log_source(cell.log)
+        truth = source.truth_entry()
+        return {
+            "log": self._digest_of(cell.log.path),
+            "topics": list(cell.log.topics),
+            "inputs": [entry.model_dump() for entry in source.input_entries()],
+            "truth": None if truth is None else truth.model_dump(),
+        }
+
+    def _pipeline(self, cell: ReplayRequest) -> Content | None:
+        if cell.isolate or isinstance(cls := pipeline_class(cell.pipeline), KeepsStderr):
+            return None
+        return {
+            "pipeline": _without_folder(cell.pipeline),
+            "source": self._source(cls),
+            "parameters": pipeline_parameters(cell.pipeline, list(cell.settings)),
+            "sensors": sensors_of(cell.pipeline, make_sensors(cell.sensors)),
+        }
+
+    def _conditions(self, cell: ReplayRequest) -> Content:
+        parts = parse_conditions(cell.condition)
+        return {
+            "conditions": [
+                [part.id, dict(part.level), part.sensors, part.from_ns, part.to_ns, self._source(type(part.condition))]
+                for part in parts
+            ]
         }
 
     def _source(self, cls: type) -> str:
