@@ -1,6 +1,7 @@
 """What a suite says: F1 by pipeline and condition, and what single sensors are worth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from fbench.api.suites.ablation import Ablation
 from fbench.api.suites.plan import Suite
@@ -27,7 +28,7 @@ def results_of(suite: Suite, done: Done, ablations: Sequence[Ablation] = ()) -> 
     ]  # fmt: skip
     frames = {cell.log: runs[id(cell)].manifest.num_frames for cell, _ in done if id(cell) in runs}
     facts = [
-        ("suite", suite.title or suite.folder.name),
+        ("suite", suite.title or Path(suite.where).stem),
         ("logs", f"{len(suite.logs)}: {_list(log.name for log in suite.logs)}"),
         ("pipelines", _list(pipeline.name for pipeline in suite.pipelines)),
         ("conditions", _list(suite.conditions)),
@@ -47,8 +48,8 @@ def results_of(suite: Suite, done: Done, ablations: Sequence[Ablation] = ()) -> 
     return Results("Suite", tuple(facts), tuple(tables), (), tuple(problems))
 
 
-def _list(names: object) -> str:
-    found = list(names)  # type: ignore[call-overload]
+def _list(names: Iterable[str]) -> str:
+    found = list(names)
     return ", ".join(found if len(found) <= 12 else [*found[:12], f"and {len(found) - 12} more"])
 
 

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Lock
@@ -201,9 +202,13 @@ class _Processes:
             group = None
             while (found := queue.take(group)) is not None:
                 group, index = found
-                done.put((index, self._runner.run(cells[index], worker.replay)))
+                done.put((index, self._runner.run(cells[index], partial(_replay, queue, worker))))
         except BaseException as error:  # noqa: BLE001  # raised where results are waited for
             done.put(error)
+
+
+def _replay(queue: "_Queue", worker: Worker, cell: ReplayRequest) -> Response:
+    return Response("interrupted") if queue.is_closed else worker.replay(cell)
 
 
 class _Queue:
@@ -215,12 +220,12 @@ class _Queue:
             groups.setdefault(group_of(cell), deque()).append(index)
         self._waiting = deque(groups.values())
         self._begun: list[deque[int]] = []
-        self._lock, self._is_closed = Lock(), False
+        self._lock, self.is_closed = Lock(), False
 
     def take(self, group: deque[int] | None) -> tuple[deque[int], int] | None:
         """Return the next cell for who had one of `group` last, with its group; `None`: there is none any more."""
         with self._lock:
-            if self._is_closed:
+            if self.is_closed:
                 return None
             if not group:
                 if self._waiting:
@@ -234,7 +239,7 @@ class _Queue:
     def close(self) -> None:
         """Give nothing more."""
         with self._lock:
-            self._is_closed = True
+            self.is_closed = True
 
 
 def group_of(cell: ReplayRequest) -> str:

@@ -142,15 +142,15 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(fbench, tmp_path):
     prepare(Path())
     dask = Path(sys.executable).parent / "dask"
     file = Path("scheduler.json").absolute()
-    own = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+    quiet = subprocess.DEVNULL
     scheduler = ("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
     worker = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard", "--no-nanny")
-    processes = [subprocess.Popen([dask, *scheduler], **own)]
+    processes = [subprocess.Popen([dask, *scheduler], stdout=quiet, stderr=quiet)]
     try:
         wait_for(file.is_file)
-        processes += [
-            subprocess.Popen([dask, *worker, "--local-directory", str(tmp_path / name)], **own) for name in "ab"
-        ]
+        for name in "ab":
+            command = [dask, *worker, "--local-directory", str(tmp_path / name)]
+            processes.append(subprocess.Popen(command, stdout=quiet, stderr=quiet))
         address = json.loads(file.read_text())["address"]
         suite = start("--scheduler", address, "--store", f"file://{tmp_path}/store", out="cluster")
         wait_for(lambda: len(list(Path("store").rglob("cell.json"))) >= 2)
