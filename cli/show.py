@@ -192,7 +192,15 @@ def fault_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-_ON_TERMINAL = ("accuracy", "robustness", "robustness_aggregates", "robustness_f1_change", "recovery", "latency")
+_ON_TERMINAL = (
+    "accuracy",
+    "ablation",
+    "robustness",
+    "robustness_aggregates",
+    "robustness_f1_change",
+    "recovery",
+    "latency",
+)
 """The others are in the files."""
 
 
