@@ -1,5 +1,6 @@
 """Entry points for programs and notebooks: plain functions with frozen requests; the command line calls the same."""
 
+from fbench.api.bench import BenchRequest, OpenSuite, bench
 from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
 from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify
 from fbench.api.scores import FileScoreRequest, Resampling, ScoreRequest, ScoreResult, score, score_files
@@ -10,12 +11,14 @@ from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 
 __all__ = [
+    "BenchRequest",
     "BoxSource",
     "CityRequest",
     "FileScoreRequest",
     "LogRequest",
     "OpenLog",
     "OpenRun",
+    "OpenSuite",
     "ReplayRequest",
     "Resampling",
     "RunComparison",
@@ -23,6 +26,7 @@ __all__ = [
     "ScoreRequest",
     "ScoreResult",
     "SimulateRequest",
+    "bench",
     "compare",
     "open_log",
     "open_run",

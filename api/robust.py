@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from fbench.api.cells import CellResult
 from fbench.api.runs import short_name
+from fbench.api.suites.cells import CellResult
+from fbench.api.suites.plan import SuiteCell
 from fbench.metrics.core.bootstrap import Bootstrap
 from fbench.metrics.robustness.matrix import CLEAR, Cell, Matrix, matrix_tables
 from fbench.metrics.robustness.recovery import Outage, find_outages
@@ -78,13 +79,22 @@ def fitting_settings(pipelines: Sequence[str], settings: Sequence[str]) -> dict[
 
 
 @dataclass(frozen=True)
-class SuiteCell:
-    """One run that a suite wants."""
+class RobustCell:
+    """A cell of a suite, with its condition and severity apart."""
 
     condition: str
     severity: str
-    log: str
-    request: ReplayRequest
+    cell: SuiteCell
+
+    @property
+    def log(self) -> str:
+        """The log's name."""
+        return self.cell.log
+
+    @property
+    def request(self) -> ReplayRequest:
+        """How it is replayed."""
+        return self.cell.request
 
 
 @dataclass(frozen=True)
@@ -103,7 +113,7 @@ class RobustSuite:
     resamples: int = 1000
     left_out: dict[str, str] = field(default_factory=dict)
 
-    def cells(self) -> Iterator[SuiteCell]:
+    def cells(self) -> Iterator[RobustCell]:
         """Yield all cells, log by log: of each pipeline clear weather first. Conditions that fit no sensor of a log
         are left out. Raises ConfigError where two logs have one name, or a condition can't be understood.
         """
@@ -138,11 +148,13 @@ class RobustSuite:
             return str(error)
         return None
 
-    def _cell(self, request: ReplayRequest, condition: str, severity: str) -> SuiteCell:
+    def _cell(self, request: ReplayRequest, condition: str, severity: str) -> RobustCell:
         log, pipeline = request.log.path.stem, short_name(request.pipeline)
         name = re.sub(r"[^\w.+-]+", "_", f"{condition}-{severity}".strip("-"))
         out = self.folder / log / pipeline / name
-        return SuiteCell(condition, severity, log, replace(request, out=out, overwrite=True, no_media=True))
+        whole = replace(request, out=out, overwrite=True, no_media=True)
+        name = request.condition or CLEAR
+        return RobustCell(condition, severity, SuiteCell(log, pipeline, name, request.rate, request.seed, whole))
 
 
 def with_severity(condition: str, severity: str) -> str:
@@ -150,7 +162,7 @@ def with_severity(condition: str, severity: str) -> str:
     return condition if not severity else "+".join(f"{part}:{severity}" for part in condition.split("+"))
 
 
-def results_of(suite: RobustSuite, done: Sequence[tuple[SuiteCell, CellResult]]) -> Results:
+def results_of(suite: RobustSuite, done: Sequence[tuple[RobustCell, CellResult]]) -> Results:
     """Put all runs together into tables. Raises MetricError where a run can't be scored."""
     cells = [
         Cell(short_name(cell.request.pipeline), cell.condition, cell.severity, cell.log, Run(result.folder))
@@ -207,6 +219,6 @@ def _recovery(outages: Sequence[Outage]) -> Figure:
     return Figure(1000 * sum(known) / len(known), None, {"outages": len(outages)})
 
 
-def is_lossy(done: Sequence[tuple[SuiteCell, CellResult]]) -> bool:
+def is_lossy(done: Sequence[tuple[RobustCell, CellResult]]) -> bool:
     """Tell whether a cell failed."""
     return any(not result.has_run for _, result in done)

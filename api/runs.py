@@ -4,16 +4,17 @@ import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from fbench.api.scores import open_folder, score_folder
+from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
-from fbench.replay.contracts.protocols import KeepsStderr, Pipeline
+from fbench.replay.contracts.protocols import KeepsStderr, Pipeline, Reader
 from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import format_count, score_rows
@@ -21,6 +22,7 @@ from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
 from fbench.replay.engine.read_ahead import open_ahead
+from fbench.replay.engine.shared import SharedLogs, SharedReader
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import VariantEntry, describe_host
 from fbench.replay.runs.redaction import public_name, public_pipeline
@@ -205,6 +207,7 @@ def replay(
     request: ReplayRequest,
     progress: Callable[[int], None] = lambda num_frames: None,
     failed: Callable[[BaseException], None] = lambda error: None,
+    shared: SharedLogs | None = None,
 ) -> OpenRun:
     """Replay a log into a pipeline, score the run, and report if that is requested.
 
@@ -212,6 +215,7 @@ def replay(
         request: The log, the pipeline and all options.
         progress: Gets the number of frames that are done.
         failed: Gets every exception that counts as a failed frame.
+        shared: Messages that earlier replays of the same log under the same condition read.
 
     Raises:
         ConfigError: where an option isn't as expected, or the run folder exists or can't be written.
@@ -250,7 +254,7 @@ def replay(
             failed=failed,
         )
         give_log(pipeline, name, lambda: options.log.open(faults))
-        with open_ahead(options.log.open, faults, options.read_ahead) as reader:
+        with _open_reader(request, options, faults, shared) as reader:
             log = public_name(reader.info) if request.redact else reader.info.name
             under = "".join(f"-{part}" for part in options.disturbance.parts)
             under = re.sub(r"[^\w.]+", "-", under).rstrip("-")
@@ -260,6 +264,16 @@ def replay(
     if request.report:
         load("reports", "html")().write([run], folder / "report.html")
     return OpenRun(run)
+
+
+def _open_reader(
+    request: ReplayRequest, options: ReplayOptions, faults: FaultLog, shared: SharedLogs | None
+) -> AbstractContextManager[Reader]:
+    if shared is None:
+        return open_ahead(options.log.open, faults, options.read_ahead)
+    key = (request.log, request.condition, request.seed if options.disturbance else 0)
+    how = options.disturbance, faults, Effects(), options.read_ahead
+    return nullcontext(SharedReader(shared, key, options.log.open, *how))
 
 
 def open_requested(

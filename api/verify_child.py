@@ -13,9 +13,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from fbench.api.cells import own_stdout
 from fbench.api.runs import make_plan, open_requested
 from fbench.api.scores import score_folder
+from fbench.api.suites.cells import own_stdout
 from fbench.replay.check.difference import TASK, WATCH, VerifyTask, WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog

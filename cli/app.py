@@ -15,6 +15,7 @@ from typer import Option
 
 from fbench.cli import (
     baseline,
+    bench,
     compare,
     demo,
     init,
@@ -62,6 +63,7 @@ log.command("convert", epilog=examples("log convert"))(log_convert.convert)
 log.command("import", epilog=examples("log import"))(log_import.import_)
 log.command("export", epilog=examples("log export"))(log_export.export)
 log.command("simulate", epilog=examples("log simulate"))(log_simulate.simulate)
+app.add_typer(bench.app, name="bench")
 app.add_typer(log, name="log")
 app.add_typer(baseline.app, name="baseline")
 app.add_typer(weights.app, name="weights")

@@ -2,8 +2,10 @@
 
 import json
 import os
+import re
 import sys
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,12 +17,11 @@ from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError, out
 from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
-    from fbench.api.cells import CellResult
-    from fbench.cli.experiment import Drive, Experiment
+    from fbench.api.suites.cells import CellResult
+    from fbench.api.suites.logs import Drive
+    from fbench.cli.experiment import Experiment
     from fbench.datasets.city.request import Split
     from fbench.replay.data.scores import Results
-
-SHORT_S, FULL_S = 1.5, 10.0  # Length of each log of the short version and of the full suite
 
 
 def demo(
@@ -51,35 +52,40 @@ def make_experiment(out: Path, split: "Split | None", seconds: float | None, num
     """Return what `fbench demo` is to do; without a split it is the short version. Raises ConfigError where options
     don't fit.
     """
-    from fbench.cli.experiment import Drive, Experiment, own_pipelines, own_variants
-    from fbench.datasets.city.request import DEMO, EXPERIMENT, SEEDS, experiment_spec
+    from fbench.api.suites.file import SuiteText
+    from fbench.api.suites.plan import make_suite
+    from fbench.cli.experiment import Experiment
+    from fbench.datasets.city.request import SEEDS
+    from fbench.datasets.city.spec import CitySpec
 
     # Where it puts the results and with how many processes changes nothing.
     command = "fbench demo" if split is None else f"fbench demo --split {split}"
     command += "" if seconds is None else f" --seconds {seconds!r}".removesuffix(".0")
     command += "" if num_seeds is None else f" --num-seeds {num_seeds}"
-    length_s = seconds if seconds is not None else SHORT_S if split is None else FULL_S
-    if split is not None:
-        scenes = [(scene, seed) for seed in SEEDS[split][:num_seeds] for scene in EXPERIMENT]
-    elif num_seeds is None:
-        scenes = list(DEMO)
-    else:
+    if split is None and num_seeds is not None:
         raise ConfigError("--num-seeds is only for the full suite; add --split dev or test")
-    logs = out / "logs"
-    drives = [Drive(experiment_spec(scene, seed, length_s), logs) for scene, seed in scenes]
-    drives = [replace(drive, log=logs / f"{drive.name}.mcap") for drive in drives]
+    name = "demo.toml" if split is None else "experiment.toml"
+    content = (files("fbench.cli") / name).read_text(encoding="utf-8")
+    if seconds is not None:
+        CitySpec(seconds=seconds)  # so that the error names the option
+        content = re.sub(r"(?m)^seconds = .*$", f"seconds = {seconds!r}", content)
+    if split is not None:
+        content = re.sub(r"(?m)^seed = .*$", f"seed = {list(SEEDS[split][:num_seeds])}", content)
+    suite = make_suite(SuiteText(content.encode(), name), Path(), out)
+    drives = sorted((log.drive for log in suite.logs if log.drive is not None), key=lambda drive: drive.spec.seed)
     if split is None:
+        drives = [log.drive for log in suite.logs if log.drive is not None]
         drives[0] = replace(drives[0], log=out / "city.mcap")  # the one that people go on with
-    pipelines = own_pipelines() if split is None else (*own_pipelines(), *own_variants())
-    return Experiment(tuple(drives), pipelines, out, command)
+    return Experiment(tuple(drives), tuple(p.base for p in suite.pipelines), out, command, content=content)
 
 
 def run_experiment(what: "Experiment", num_workers: int) -> int:
     """Simulate, replay and score what isn't there; print and write the results; return the exit code. Raises
     ConfigError where the folder can't be written.
     """
-    from fbench.api.suite import run_suite
-    from fbench.cli.experiment import is_lossy, results_of, simulate
+    from fbench.api.suites.logs import simulate
+    from fbench.api.suites.run import RunOptions, run_suite
+    from fbench.cli.experiment import is_lossy, results_of
     from fbench.datasets.importing.run import claim
 
     try:
@@ -99,7 +105,7 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
             say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
             cells = what.cells()
             with replay_progress("replays") as progress_of_replays:
-                found = run_suite([cell for _, cell in cells], num_workers, progress_of_replays)
+                found = run_suite([cell for _, cell in cells], RunOptions(num_workers), progress_of_replays)
             of = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
             total = f"{of['there'] + of['replayed']} of {len(found) - of['unfit']}"
             say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")
@@ -115,9 +121,11 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
 
 def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, CellResult]]") -> list[Path]:
     """Write the results in every form, and return the paths worth naming."""
+    from fbench.api.bench import SUITE
+    from fbench.api.suites.tables import write_tables
     from fbench.cli.experiment import runs_to_show
     from fbench.replay.data.files import replace_text
-    from fbench.replay.data.scores import table_rows
+    from fbench.replay.data.scores import ScoreOptions, table_rows
     from fbench.replay.runs.folder import Run
     from fbench.reports.html.page import HtmlReport
     from fbench.reports.markdown import markdown, measured_markdown
@@ -136,6 +144,9 @@ def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, Cell
         replace_text(folder / f"{name}.json", json.dumps(values, indent=1, allow_nan=False) + "\n")
     replace_text(folder / "results.md", markdown(results))
     replace_text(folder / "latency.md", measured_markdown(results))
+    if what.content:
+        replace_text(folder / SUITE, what.content)
+    write_tables(folder, what.name_cells(done), done[0][1].cell.scoring if done else ScoreOptions())
     if not (shown := runs_to_show(done)):
         return [folder / "results.md"]
     HtmlReport().write_results(results, shown, folder / "report.html")

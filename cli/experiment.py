@@ -1,53 +1,21 @@
 """The city's experiment: logs, pipelines, and results."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from fbench.api.cells import CellResult, is_sealed_log, seal_log, was_sealed
 from fbench.api.runs import short_name
-from fbench.datasets.importing.run import holds_log, write_recording
-from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.plugins import entry_points_of, pipeline_class
-from fbench.replay.contracts.protocols import TakesArgument
-from fbench.replay.contracts.variants import find_variants
+from fbench.api.suites.cells import CellResult
+from fbench.api.suites.logs import Drive
+from fbench.api.suites.plan import SuiteCell
 from fbench.replay.data.scores import Results, format_count
-from fbench.replay.logs.convert.target import Target
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import describe_host, package_versions
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
-if TYPE_CHECKING:
-    from fbench.datasets.city.spec import CitySpec
-
 CLEAR = "clear"
-_OWN = "fbench.pipelines."
-
-
-@dataclass(frozen=True)
-class Drive:
-    """One simulated log."""
-
-    spec: "CitySpec"
-    log: Path
-
-    @property
-    def condition(self) -> str:
-        """Under which it is recorded."""
-        return self.spec.condition.name
-
-    @property
-    def scene(self) -> str:
-        """What conditions are compared on."""
-        return f"{self.spec.world}-{self.spec.seed}"
-
-    @property
-    def name(self) -> str:
-        """Of its log and of the folder of its runs."""
-        return f"{self.spec.world}-{self.condition}-{self.spec.seed}"
 
 
 @dataclass(frozen=True)
@@ -59,6 +27,7 @@ class Experiment:
     folder: Path
     command: str  # That does it again
     settings: Mapping[str, Sequence[str]] = field(default_factory=dict)  # `NAME=VALUE`, by pipeline
+    content: str = ""  # Of the suite file, where there is one
 
     @property
     def conditions(self) -> list[str]:
@@ -76,40 +45,12 @@ class Experiment:
             for drive in self.drives for pipeline in self.pipelines
         ]  # fmt: skip
 
-
-def own_pipelines() -> tuple[str, ...]:
-    """Return fbench's own pipelines that need nothing beside the log, but for those that variants are made of."""
-    bases = {variant.base for variant, _ in find_variants()}
-    points = entry_points_of("pipelines").items()
-    own = [name for name, point in points if point.value.startswith(_OWN) and name not in bases]
-    return tuple(name for name in own if not isinstance(pipeline_class(name), TakesArgument))
-
-
-def own_variants() -> tuple[str, ...]:
-    """Return the variants that come with fbench: the thesis's configurations as written."""
-    return tuple(variant.name for variant, point in find_variants() if point.value.startswith(_OWN))
-
-
-def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None]) -> Iterator[bool]:
-    """Write the logs that aren't there, or aren't whole any more; yields for each whether it was written. Raises
-    ConfigError where a log can't be written, or another has its name.
-    """
-    from fbench.datasets.city.recording import Cities, CityRecording
-
-    cities = Cities()
-    for drive in drives:
-        drive.log.parent.mkdir(parents=True, exist_ok=True)
-        is_there = is_sealed_log(drive.log, drive.spec.log_id)
-        if not is_there:
-            # Without a seal where a simulation was killed just before it would have written that.
-            if drive.log.exists() and not was_sealed(drive.log) and not holds_log(drive.log, drive.spec.log_id):
-                raise ConfigError(
-                    f"{drive.log}: exists already, and is no log of the demo; choose another folder with --out"
-                )
-            recording = CityRecording(drive.spec, drive.name, cities=cities)
-            write_recording(recording, Target(drive.log, overwrite=True), progress)
-            seal_log(drive.log, drive.spec.log_id)
-        yield not is_there
+    def name_cells(self, done: Sequence[tuple[Drive, CellResult]]) -> list[tuple[SuiteCell, CellResult]]:
+        """Return the cells as a suite names them."""
+        return [
+            (SuiteCell(drive.name, short_name(result.cell.pipeline), CLEAR, "max", 0, result.cell), result)
+            for drive, result in done
+        ]  # fmt: skip
 
 
 def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]]) -> Results:

@@ -158,6 +158,16 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench compare baseline.json runs/head --policy gate.toml",
     ),
     "baseline accept": ("fbench baseline accept runs/head --reason 'new tracker' -o baseline.json",),
+    "bench": (
+        "fbench bench suite.toml",
+        "fbench bench suite.toml --jobs 4 -o runs/nightly --json",
+        "fbench bench suite.toml --leave-one-out",
+        "fbench bench suite.toml --scheduler tcp://10.0.0.1:8786 --store s3://lab/results",
+    ),
+    "bench init": (
+        "fbench bench init drives/*.mcap",
+        "fbench bench init log.mcap -p late3d,lidar3d --condition fog --condition rain:5 -o suites/weather.toml",
+    ),
     "robust": (
         "fbench robust log.mcap -p late3d,lidar3d",
         "fbench robust log.mcap -p late3d --suite faults --severity 3",

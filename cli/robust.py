@@ -14,8 +14,8 @@ from fbench.cli.show import print_json, replay_progress, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
 if TYPE_CHECKING:
-    from fbench.api.cells import CellResult
-    from fbench.api.robust import RobustSuite, SuiteCell
+    from fbench.api.robust import RobustCell, RobustSuite
+    from fbench.api.suites.cells import CellResult
     from fbench.replay.data.scores import Results
 
 
@@ -105,7 +105,7 @@ def _command(
 def _run(what: "RobustSuite", num_workers: int, json: bool) -> int:
     """Replay what isn't there, print and write the results, and return the exit code."""
     from fbench.api.robust import is_lossy, results_of
-    from fbench.api.suite import run_suite
+    from fbench.api.suites.run import RunOptions, run_suite
     from fbench.datasets.importing.run import claim
 
     cells = list(what.cells())
@@ -116,7 +116,7 @@ def _run(what: "RobustSuite", num_workers: int, json: bool) -> int:
     try:
         with claim(what.folder / "robust", lambda: say("waiting for another fbench robust in this folder")):
             with replay_progress("replays") as progress:
-                found = run_suite([cell.request for cell in cells], num_workers, progress)
+                found = run_suite([cell.request for cell in cells], RunOptions(num_workers), progress)
             done = list(zip(cells, found, strict=True))
             results = results_of(what, done)
             paths = _write(what, results, done)
@@ -134,7 +134,7 @@ def _run(what: "RobustSuite", num_workers: int, json: bool) -> int:
     return EXIT_LOSSY if is_lossy(done) else EXIT_OK
 
 
-def _content(what: "RobustSuite", results: "Results", done: "list[tuple[SuiteCell, CellResult]]") -> dict[str, object]:
+def _content(what: "RobustSuite", results: "Results", done: "list[tuple[RobustCell, CellResult]]") -> dict[str, object]:
     from fbench.replay.data.scores import table_rows
     from fbench.replay.runs.folder import Run
 
@@ -150,8 +150,9 @@ def _content(what: "RobustSuite", results: "Results", done: "list[tuple[SuiteCel
     return {"facts": dict(results.facts), "tables": tables, "problems": list(results.problems), "runs": runs}
 
 
-def _write(what: "RobustSuite", results: "Results", done: "list[tuple[SuiteCell, CellResult]]") -> list[Path]:
+def _write(what: "RobustSuite", results: "Results", done: "list[tuple[RobustCell, CellResult]]") -> list[Path]:
     """Write the results in every form, and return the paths worth naming."""
+    from fbench.api.suites.tables import write_tables
     from fbench.replay.data.files import replace_text
     from fbench.replay.runs.folder import Run
     from fbench.reports.html.page import HtmlReport
@@ -160,6 +161,8 @@ def _write(what: "RobustSuite", results: "Results", done: "list[tuple[SuiteCell,
     folder, content = what.folder, _content(what, results, done)
     replace_text(folder / "results.json", json_.dumps(content, indent=1, allow_nan=False) + "\n")
     replace_text(folder / "results.md", markdown(results))
+    named = [(cell.cell, result) for cell, result in done]
+    write_tables(folder, named, what.requests[0].scoring)
     clear = [Run(result.folder) for cell, result in done if result.has_run and cell.condition == "clear"]
     if not clear:
         return [folder / "results.md"]

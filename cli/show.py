@@ -192,7 +192,15 @@ def fault_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-_ON_TERMINAL = ("accuracy", "robustness", "robustness_aggregates", "robustness_f1_change", "recovery", "latency")
+_ON_TERMINAL = (
+    "accuracy",
+    "ablation",
+    "robustness",
+    "robustness_aggregates",
+    "robustness_f1_change",
+    "recovery",
+    "latency",
+)
 """The others are in the files."""
 
 
@@ -250,6 +258,13 @@ class ImportProgress:
         """Tell that a sequence is done."""
         self._progress.advance(self._all)
         self._progress.reset(self._one, visible=False)
+
+    @contextmanager
+    def hide(self) -> Iterator[None]:
+        """Show nothing while the `with` block runs."""
+        self._progress.stop()
+        yield
+        self._progress.start()
 
     @contextmanager
     def finish(self, num: int) -> Iterator[None]:

@@ -172,24 +172,6 @@ SUITE: tuple[Scene, ...] = (
 """One seed gives the same world in all of them, and the same trajectories wherever traffic is as dense: conditions are
 compared on the same scene.
 """
-EXPERIMENT: tuple[Scene, ...] = (*SUITE, Scene("urban", "dense-fog"), Scene("highway", "dense-fog"))
-"""The suite, and fog that hides what is scored: at the suite's 100 m of visibility a camera that knows fog sees most of
-what is nearer than 50 m.
-"""
-_SHORT = ("clear", "traffic", "rain", "dense-fog", "night")
-DEMO: tuple[tuple[Scene, int], ...] = tuple(
-    (Scene(world, name), seed) for world, seeds in DEMO_SEEDS.items() for seed in seeds for name in _SHORT
-)
-"""The short version: two urban scenes and one on the highway, with their seeds, in the thesis's conditions."""
-
-
-def experiment_spec(scene: Scene, seed: int, seconds: float) -> CitySpec:
-    """Return one log of the suite as an experiment: mono camera, LiDAR and radar of the thesis's rig."""
-    rig = thesis_rig()
-    mono = rig.model_copy(update={"cameras": {"camera": rig.cameras["camera"]}})
-    return CitySpec(scene.world, condition(scene.condition), seconds, seed, mono)
-
-
 TRAINING_SEEDS = range(301, 371)  # None of the suite's. Each is another drive: those teach more than other weathers do.
 _WEATHERS = ("clear", "fog", "night", "rain", "low-sun", "dusk", "dense-fog", "heavy-rain", "overcast", "night")
 """One a drive, in turn; by night twice as many, as that is hardest."""

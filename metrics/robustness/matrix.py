@@ -131,6 +131,13 @@ class Matrix:
             return None
         return np.asarray(self._times @ np.array([own[unit] for unit in self._units], np.int64))
 
+    def difference(self, base: str, head: str, condition: str, severity: str = "") -> tuple[float | None, float | None]:
+        """Return the ends of the interval of a pipeline's F1 minus that of a base, on the same stretches."""
+        pair = [self.resample(name, condition, severity) for name in (base, head)]
+        if pair[0] is None or pair[1] is None:
+            return None, None
+        return self.interval(0.0, _f1(pair[1]) - _f1(pair[0]))
+
     @property
     def note(self) -> str:
         """How intervals were made."""

@@ -26,7 +26,6 @@ class Effects:
 
     def add(self, recorded: Measurement, results: Sequence[Measurement], raw: Measurement | None = None) -> None:
         """Count what became of one message; `raw` is the same, where it is an image that was decoded already."""
-        own = self._sums.setdefault(recorded.sensor, {})
         flags: dict[str, int | bool] = {
             "messages": 1, "dropped": not results, "added": max(0, len(results) - 1),
             "changed": [*results] != [recorded],
@@ -37,6 +36,11 @@ class Effects:
         if results:
             after = results[0]
             counts |= compare(recorded if after is recorded or raw is None else raw, after)
+        self.count(recorded.sensor, counts)
+
+    def count(self, sensor: str, counts: Mapping[str, float]) -> None:
+        """Add the numbers of one message of a sensor."""
+        own = self._sums.setdefault(sensor, {})
         for name, value in counts.items():
             own[name] = own.get(name, 0) + value
 

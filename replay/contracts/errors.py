@@ -51,6 +51,10 @@ class ConfigError(FbenchError):
     exit_code = EXIT_USAGE
 
 
+class BusyError(ConfigError):
+    """An output that another process is writing."""
+
+
 class OutputError(ConfigError):
     """An output that has a good place, where the system lets nothing be written: the disk is full, or no one may."""
 

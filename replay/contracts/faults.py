@@ -149,7 +149,11 @@ class StagedFaults(FaultLog):
 
     def pass_to(self, log: FaultLog) -> None:
         """Hand over what is kept to a log that counts it."""
-        for code, key, where, num in self.take()._waiting:
+        self.take().copy_to(log)
+
+    def copy_to(self, log: FaultLog) -> None:
+        """Have a log count what is kept, and keep it."""
+        for code, key, where, num in self._waiting:
             if key is None:
                 log.add(code, where, num)
             else:

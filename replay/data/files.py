@@ -13,7 +13,7 @@ from typing import Self
 
 from platformdirs import user_cache_path
 
-from fbench.replay.contracts.errors import ConfigError, output_error
+from fbench.replay.contracts.errors import BusyError, output_error
 
 
 def fbench_cache() -> Path:
@@ -113,7 +113,7 @@ class Draft:
                     remove(self.path)
         except BlockingIOError:
             why = f"{self._given}: another process is writing it; try again when it has finished"
-            raise ConfigError(why) from None
+            raise BusyError(why) from None
         finally:
             if not is_mine:
                 os.close(number)

@@ -27,6 +27,7 @@ from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import NOT_THERE, SyncParams
 from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.shared import SharedReader
 from fbench.replay.engine.warm_up import WarmUp
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs import manifest
@@ -83,8 +84,8 @@ def replay(
     scores for instance, before it gets its name. Raises ConfigError where the folder exists or can't be written,
     LogError where the log can't be used by this pipeline, RunError where the pipeline keeps failing.
     """
-    effects = Effects()
-    if plan.disturbance:
+    effects = reader.effects if isinstance(reader, SharedReader) else Effects()
+    if plan.disturbance and not isinstance(reader, SharedReader):
         reader = DisturbedReader(reader, plan.disturbance, effects)
     with RunWriter(folder, overwrite) as writer, closing(WarmUp()) as warm_up:
         loop = _Loop(reader, plan, faults, writer, warm_up, effects)

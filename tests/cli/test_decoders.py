@@ -8,7 +8,7 @@ import pytest
 from mcap.writer import Writer
 
 from fbench.api import LogRequest, ReplayRequest, replay
-from fbench.api.suite import run_suite
+from fbench.api.suites.run import RunOptions, run_suite
 from fbench.replay.contracts import plugins
 
 DECODER = '''
@@ -134,7 +134,10 @@ def test_suites_hand_it_to_their_processes_and_know_its_content(acme, monkeypatc
 
     def states():
         log = LogRequest(acme / "acme.mcap", decoder=[f"{acme / 'acme.py'}:targets"])
-        return [result.state for result in run_suite([ReplayRequest(log, "radar3d", out=acme.parent / "run")], 1)]
+        return [
+            result.state
+            for result in run_suite([ReplayRequest(log, "radar3d", out=acme.parent / "run")], RunOptions(1))
+        ]
 
     assert states() == ["replayed"]
     assert states() == ["there"]

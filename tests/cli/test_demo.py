@@ -11,8 +11,9 @@ import pytest
 from tests.city_log import SMALL_RIG
 from tests.kept_cities import shared_cities
 
+from fbench.api.suites.logs import Drive
 from fbench.cli.demo import make_experiment, run_experiment
-from fbench.cli.experiment import Drive, Experiment, own_pipelines, results_of
+from fbench.cli.experiment import Experiment, results_of
 from fbench.datasets.city.spec import CitySpec, condition
 from fbench.datasets.importing.run import claim
 from fbench.replay.runs.folder import Run
@@ -87,7 +88,7 @@ def test_the_command_does_the_same_again(seconds, text):
 
 
 def test_pipelines_are_those_that_need_nothing_beside_the_log():
-    names = own_pipelines()
+    names = make_experiment(Path("demo"), None, None, None).pipelines
     assert {"camera2d", "late3d", "lidar3d", "radar3d"} <= set(names)
     assert not {"exec", "recorded"} & set(names)
 
@@ -116,7 +117,7 @@ def test_a_log_of_somebody_else_is_not_replaced(fbench):
     log.write_bytes(b"a recording of mine")
     result = fbench("demo", "-o", "mine")
     assert (result.code, log.read_bytes()) == (2, b"a recording of mine")
-    assert result.err.startswith("fbench: mine/city.mcap: exists already, and is no log of the demo; choose another")
+    assert result.err.startswith("fbench: mine/city.mcap: exists already, and wasn't simulated here; choose another")
     assert sorted(path.name for path in log.parent.iterdir()) == ["city.mcap"]
 
 

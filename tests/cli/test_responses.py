@@ -9,7 +9,7 @@ import pytest
 ASCII = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 CHILD = """
 import os, subprocess, sys
-from fbench.api.cells import own_stdout
+from fbench.api.suites.cells import own_stdout
 
 with own_stdout() as out:
     print("printed")

@@ -6,8 +6,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from fbench.api.suite import run_suite
-from fbench.cli.experiment import Drive, Experiment, own_pipelines
+from fbench.api.suites.logs import Drive
+from fbench.api.suites.run import RunOptions, run_suite
+from fbench.cli.experiment import Experiment
 from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
@@ -136,12 +137,12 @@ def test_cells_of_a_suite_and_their_folders(log, far, monkeypatch, tmp_path):
     cells = [
         ReplayRequest(LogRequest(log, config=NO_CONFIG), str(far), out=Path("runs/far"), overwrite=True, no_media=True)
     ]
-    assert [result.state for result in run_suite(cells, 1)] == ["replayed"]
-    assert [result.state for result in run_suite(cells, 1)] == ["there"]
+    assert [result.state for result in run_suite(cells, RunOptions(1))] == ["replayed"]
+    assert [result.state for result in run_suite(cells, RunOptions(1))] == ["there"]
     far.write_text(FAR.replace('["lidar"]', '["lid*"]'))
-    assert [result.state for result in run_suite(cells, 1)] == ["replayed"]
+    assert [result.state for result in run_suite(cells, RunOptions(1))] == ["replayed"]
     far.write_text(FAR.replace("0.25", "0.5"))
-    assert [result.state for result in run_suite(cells, 1)] == ["replayed"]
+    assert [result.state for result in run_suite(cells, RunOptions(1))] == ["replayed"]
 
 
 def test_folders_of_an_experiment(tmp_path):
@@ -150,11 +151,6 @@ def test_folders_of_an_experiment(tmp_path):
     drive = Drive(CitySpec("urban"), tmp_path / "a.mcap")
     ((_, cell),) = Experiment((drive,), ("thesis/late3d",), tmp_path, "fbench demo").cells()
     assert cell.out == tmp_path / drive.name / "thesis-late3d"
-
-
-def test_what_variants_are_made_of_is_no_pipeline_of_the_demo():
-    assert "late3d" in own_pipelines()
-    assert not {"plain2d", "plain3d"} & set(own_pipelines())
 
 
 def test_list_of_pipelines_and_parameters_of_a_variant(fbench, far):

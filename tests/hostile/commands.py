@@ -19,7 +19,7 @@ from tests.cli.test_demo import small
 from tests.datasets.kitti.conftest import write_tracking
 from tests.kept_cities import shared_cities
 
-from fbench.api.suite import run_suite
+from fbench.api.suites.run import RunOptions, run_suite
 from fbench.cli import demo, main
 from fbench.replay.contracts.errors import EXIT_DATA, FbenchError
 from fbench.replay.setup.request import ReplayRequest
@@ -69,7 +69,7 @@ def _bench() -> int:
         for name in ("lidar3d", "radar3d")
     ]
     try:
-        return max(0 if result.has_run else 3 for result in run_suite(cells, 1))
+        return max(0 if result.has_run else 3 for result in run_suite(cells, RunOptions(1)))
     except (FbenchError, OSError) as error:  # a function, which has no command
         sys.stderr.write(f"fbench: {error}\n")
         return getattr(error, "exit_code", EXIT_DATA)

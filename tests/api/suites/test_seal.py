@@ -1,6 +1,6 @@
 """Logs that were made here, and are still as they were."""
 
-from fbench.api.cells import is_sealed_log, seal_log, was_sealed
+from fbench.api.suites.cells import is_sealed_log, seal_log, was_sealed
 
 
 def test_a_log_is_sealed_until_it_changes(tmp_path):

@@ -59,6 +59,7 @@ class CellResult:
     cell: ReplayRequest
     state: State  # `replayed` now, or `there` from an earlier time; `unfit`: the log lacks what the pipeline needs
     reason: str | None = None  # Why there is no run; one line
+    key: str | None = None  # Of all that the run is made of; `None` where nobody can tell, or it wasn't found out
 
     @property
     def folder(self) -> Path:

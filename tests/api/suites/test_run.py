@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from tests.cli.conftest import messages, rig, truths, write_log
 
-from fbench.api.cells import folder_of, seal_run
 from fbench.api.scores import score_folder
-from fbench.api.suite import Contents, run_suite
+from fbench.api.suites.cells import folder_of, seal_run
+from fbench.api.suites.contents import Contents
+from fbench.api.suites.run import RunOptions, run_suite
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import ScoreOptions
@@ -116,7 +117,7 @@ def test_any_number_of_workers_gives_equal_runs_in_the_order_of_cells(log):
     for workers in (1, 2):
         names = ["radar3d", "lidar3d", "mine.py:Mine"]
         cells = [cell(log, name, folder=Path(f"by-{workers}") / name) for name in names]
-        results = run_suite(cells, workers)
+        results = run_suite(cells, RunOptions(workers))
         assert [result.cell for result in results] == cells
         assert states(results) == ["replayed"] * 3
         found[workers] = [contents(folder_of(one)) for one in cells]
@@ -128,19 +129,19 @@ def test_any_number_of_workers_gives_equal_runs_in_the_order_of_cells(log):
 def test_only_what_changed_is_replayed(log):
     cells = [cell(log, "radar3d"), cell(log, "mine.py:Mine")]
     told = []
-    assert states(run_suite(cells, 1, lambda done, of: told.append((done, of)))) == ["replayed", "replayed"]
+    assert states(run_suite(cells, RunOptions(1), lambda done, of: told.append((done, of)))) == ["replayed", "replayed"]
     assert told == [(0, 2), (1, 2), (2, 2)]
-    assert states(run_suite(cells, 1)) == ["there", "there"]
+    assert states(run_suite(cells, RunOptions(1))) == ["there", "there"]
 
     changed = [replace(cells[0], settings=["radar.max_range_m=50"]), cells[1]]
-    assert states(run_suite(changed, 1)) == ["replayed", "there"]
+    assert states(run_suite(changed, RunOptions(1))) == ["replayed", "there"]
     options = [changed[0], replace(cells[1], scoring=ScoreOptions(range_m=40))]
-    assert states(run_suite(options, 1)) == ["there", "replayed"]
+    assert states(run_suite(options, RunOptions(1))) == ["there", "replayed"]
     Path("mine.py").write_text(MINE + "\n")
-    assert states(run_suite(options, 1)) == ["there", "replayed"]
+    assert states(run_suite(options, RunOptions(1))) == ["there", "replayed"]
 
     write_log(log, [*messages(2, camera=False), *truths(2)], rig(camera=False))
-    assert states(run_suite(options, 1)) == ["replayed", "replayed"]
+    assert states(run_suite(options, RunOptions(1))) == ["replayed", "replayed"]
     assert len(Run(folder_of(cells[0])).frames) == 2
 
 
@@ -148,17 +149,17 @@ def test_only_what_changed_is_replayed(log):
 def test_what_is_damaged_or_missing_is_made_anew(log):
     names = ["scores.json", "manifest.json", "frames.parquet", "cell.json", "tracks.parquet", "untouched"]
     cells = [cell(log, "mine.py:Mine", folder=Path("runs") / name) for name in names]
-    run_suite(cells, 1)
+    run_suite(cells, RunOptions(1))
     whole = contents(folder_of(cells[0]))
     for name in names[:4]:
         (Path("runs") / name / name).write_text("{")
     (Path("runs") / "tracks.parquet" / "tracks.parquet").unlink()
     left = Path("runs") / ".scores.json.partial"  # of a process that was killed
     left.mkdir()
-    assert states(run_suite(cells, 1)) == ["replayed"] * 5 + ["there"]
+    assert states(run_suite(cells, RunOptions(1))) == ["replayed"] * 5 + ["there"]
     assert all(contents(folder_of(one)) == whole for one in cells)
     assert not left.exists()
-    assert states(run_suite(cells, 1)) == ["there"] * 6
+    assert states(run_suite(cells, RunOptions(1))) == ["there"] * 6
 
 
 @pytest.mark.slow
@@ -167,16 +168,16 @@ def test_a_run_that_somebody_scores_otherwise_meanwhile_fails_and_is_made_anew(l
     """Else the suite's tables would hold numbers by different rules, and nobody would know."""
     cells = [cell(log, "mine.py:Mine"), cell(log, "mine.py:Mine", folder=Path("runs/other"))]
     if state == "there":
-        run_suite(cells, 1)
+        run_suite(cells, RunOptions(1))
 
     def score_otherwise(done, of):
         if done == of:
             score_folder(folder_of(cells[0]), ScoreOptions(range_m=20))
 
-    scored, other = run_suite(cells, 1, score_otherwise)
+    scored, other = run_suite(cells, RunOptions(1), score_otherwise)
     assert (scored.state, other.state) == ("failed", state)
     assert scored.reason == "runs/mine.py-Mine was changed meanwhile; the same command redoes it"
-    assert states(run_suite(cells, 1)) == ["replayed", "there"]
+    assert states(run_suite(cells, RunOptions(1))) == ["replayed", "there"]
     assert Path("runs/mine.py-Mine/scores.json").read_bytes() == Path("runs/other/scores.json").read_bytes()
 
 
@@ -197,7 +198,7 @@ def test_cells_that_fail_say_why_and_stop_nobody(log):
         cell(Path("absent.mcap"), "mine.py:Mine", folder=Path("z")),
         cell(log, "mine.py:Mine"),
     ]
-    results = run_suite(cells, 1)
+    results = run_suite(cells, RunOptions(1))
     assert states(results) == ["failed"] * 8 + ["replayed"]
     expected = ["won't start", "signal 9", "KeyError", "unknown pipeline", "unknown parameter",
                 "isn't a run folder", "bad.mcap", "absent.mcap"]  # fmt: skip
@@ -214,23 +215,23 @@ def test_a_log_without_the_sensor_is_unfit_and_programs_run_each_time(log):
     items = [message for message in messages(2, camera=False) if message.sensor == "lidar"]
     only_lidar = write_log(Path("lidar.mcap"), items, without)
     program = cell(log, "exec:./no-such-program", folder=Path("program"))
-    unfit, failed = run_suite([cell(only_lidar, "radar3d"), program], 1)
+    unfit, failed = run_suite([cell(only_lidar, "radar3d"), program], RunOptions(1))
     assert (unfit.state, failed.state) == ("unfit", "failed")
     assert "radar3d needs a radar" in unfit.reason
 
 
 @pytest.mark.slow
 def test_what_libraries_print_gets_into_no_answer(log):
-    results = run_suite([cell(log, "mine.py:Talks"), cell(log, "mine.py:Mine")], 1)
+    results = run_suite([cell(log, "mine.py:Talks"), cell(log, "mine.py:Mine")], RunOptions(1))
     assert [(result.state, result.reason) for result in results] == [("replayed", None)] * 2
 
 
 @pytest.mark.slow
 def test_a_process_that_dies_quotes_nothing_that_another_cell_said(log):
-    warned, died = run_suite([cell(log, "mine.py:Warns"), cell(log, "mine.py:Dies")], 1)
+    warned, died = run_suite([cell(log, "mine.py:Warns"), cell(log, "mine.py:Dies")], RunOptions(1))
     assert (warned.state, died.state) == ("replayed", "failed")
     assert died.reason == "its process ended with signal 9"
-    (last,) = run_suite([cell(log, "mine.py:WarnsAndDies")], 1)
+    (last,) = run_suite([cell(log, "mine.py:WarnsAndDies")], RunOptions(1))
     assert last.reason == "its process ended with signal 9: low on tape"
 
 
@@ -243,11 +244,11 @@ def test_a_run_that_cannot_be_sealed_fails_alone(log, monkeypatch):
 
     cells = [cell(log, "mine.py:Mine", folder=Path("runs") / name) for name in ("full", "other")]
     with monkeypatch.context() as patch:
-        patch.setattr("fbench.api.suite.seal_run", seal)
-        full, other = run_suite(cells, 1)
+        patch.setattr("fbench.api.suites.run.seal_run", seal)
+        full, other = run_suite(cells, RunOptions(1))
     assert (full.state, full.reason) == ("failed", "runs/full: can't be made (No space left on device)")
     assert other.state == "replayed"
-    assert states(run_suite(cells[:1], 1)) == ["replayed"]
+    assert states(run_suite(cells[:1], RunOptions(1))) == ["replayed"]
 
 
 @pytest.mark.slow
@@ -256,13 +257,13 @@ def test_code_counts_but_not_what_python_compiles_of_it(log, tmp_path, monkeypat
     (package / "__pycache__").mkdir(parents=True)
     (package / "__init__.py").write_text("")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("fbench.api.suite._PACKAGES", ("suites_code",))
+    monkeypatch.setattr("fbench.api.suites.contents._PACKAGES", ("suites_code",))
     one = [cell(log, "mine.py:Mine")]
-    assert states(run_suite(one, 1)) == ["replayed"]
+    assert states(run_suite(one, RunOptions(1))) == ["replayed"]
     (package / "__pycache__" / "a.cpython-311.pyc.140012345").write_text("half")
-    assert states(run_suite(one, 1)) == ["there"]
+    assert states(run_suite(one, RunOptions(1))) == ["there"]
     (package / "weights.onnx").write_text("others")
-    assert states(run_suite(one, 1)) == ["replayed"]
+    assert states(run_suite(one, RunOptions(1))) == ["replayed"]
 
 
 def test_all_code_of_a_package_with_a_pipeline_counts(log, tmp_path, monkeypatch):
@@ -275,7 +276,7 @@ def test_all_code_of_a_package_with_a_pipeline_counts(log, tmp_path, monkeypatch
     (told / "METADATA").write_text("Metadata-Version: 2.1\nName: outsider\nVersion: 1.0\n")
     (told / "entry_points.txt").write_text("[fbench.pipelines]\noutsider = outsider.pipe:Mine\n")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("fbench.api.suite._PACKAGES", ())
+    monkeypatch.setattr("fbench.api.suites.contents._PACKAGES", ())
     one = cell(log, "outsider")
     before = Contents().of(one)
     assert Contents().of(one) == before
@@ -284,15 +285,15 @@ def test_all_code_of_a_package_with_a_pipeline_counts(log, tmp_path, monkeypatch
 
 
 def test_wrong_suites(log):
-    with pytest.raises(ConfigError, match="--workers 0"):
-        run_suite([], 0)
+    with pytest.raises(ConfigError, match="--jobs 0"):
+        run_suite([], RunOptions(0))
     one = cell(log, "radar3d")
     with pytest.raises(ConfigError, match="two cells of a suite go to"):
-        run_suite([one, replace(one, out=folder_of(one).absolute())], 1)
+        run_suite([one, replace(one, out=folder_of(one).absolute())], RunOptions(1))
 
 
 def test_no_cells_give_nothing():
-    assert run_suite([], 2) == []
+    assert run_suite([], RunOptions(2)) == []
 
 
 INTERRUPTED = """
@@ -300,13 +301,13 @@ import sys
 from pathlib import Path
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 from fbench.replay.setup.request import ReplayRequest
-from fbench.api.suite import run_suite
+from fbench.api.suites.run import RunOptions, run_suite
 
 log = LogRequest(Path(sys.argv[1]), config=NO_CONFIG)
 names = ("mine.py:Mine", "mine.py:Slow", "mine.py:Broken")
 cells = [ReplayRequest(log, name, out=Path("runs") / name[8:], overwrite=True, no_media=True) for name in names]
 try:
-    run_suite(cells, 1)
+    run_suite(cells, RunOptions(1))
 except KeyboardInterrupt:
     sys.exit(130)
 """

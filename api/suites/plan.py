@@ -1,0 +1,315 @@
+"""The cells of a suite file."""
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from glob import glob, has_magic
+from itertools import product
+from pathlib import Path
+from typing import TypeVar
+
+from fbench.api.runs import short_name
+from fbench.api.suites.file import LogTable, PipelineTable, Place, SuiteText
+from fbench.api.suites.logs import Drive
+from fbench.api.suites.store import find_logs, is_url, log_place
+from fbench.metrics.profiles.choose import choose_profile
+from fbench.replay.conditions.spec import CLEAR, has_strength, parse_conditions
+from fbench.replay.contracts.errors import ConfigError, FbenchError
+from fbench.replay.contracts.plugins import pipeline_parameters
+from fbench.replay.contracts.sensor_settings import make_sensors
+from fbench.replay.data.files import file_name, with_digest
+from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.engine.clock import make_clock
+from fbench.replay.logs.setup import BoxSource
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import NO_CONFIG, LogRequest
+
+T = TypeVar("T")
+_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}")
+RUNS, LOGS = "runs", "logs"
+"""Folders of a suite."""
+_SEVERITY = "3"
+
+
+@dataclass(frozen=True)
+class SuiteLog:
+    """One log of a suite."""
+
+    name: str
+    request: LogRequest
+    url: str = ""
+    """Where it comes from, if not from this machine."""
+    drive: Drive | None = None
+    """What is to be simulated, if it is."""
+
+
+@dataclass(frozen=True)
+class SuitePipeline:
+    """One pipeline of a suite, by the name that the suite gives it."""
+
+    name: str
+    base: str
+    settings: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+    detect_every: int | None = None
+
+
+@dataclass(frozen=True)
+class SuiteCell:
+    """One log, pipeline, condition, rate and seed."""
+
+    log: str
+    pipeline: str
+    condition: str
+    """With its severity; `clear` for none."""
+    rate: str
+    seed: int
+    request: ReplayRequest
+
+
+@dataclass(frozen=True)
+class Suite:
+    """What a suite file asks for."""
+
+    title: str
+    logs: Sequence[SuiteLog]
+    pipelines: Sequence[SuitePipeline]
+    conditions: Mapping[str, str]
+    """What a replay takes, by name."""
+    rates: Sequence[str]
+    seeds: Sequence[int]
+    options: ReplayRequest
+    """What all cells have in common."""
+    profiles: Sequence[str]
+    folder: Path
+    content: str
+    """The file's text."""
+    where: str = ""
+    urls: Mapping[str, str] = field(default_factory=dict)
+
+    def cells(self) -> list[SuiteCell]:
+        """Return all cells, so that those which need the same messages follow each other."""
+        return [cell for log in self.logs for cell in self._cells_of(log)]
+
+    def _cells_of(self, log: SuiteLog) -> Iterator[SuiteCell]:
+        for (name, text), seed, rate in product(self.conditions.items(), self.seeds, self.rates):
+            if not text and seed != self.seeds[0]:
+                continue  # nothing random in it
+            for pipeline in self.pipelines:
+                yield SuiteCell(log.name, pipeline.name, name, rate, seed, self._request(
+                    log, pipeline, name, text, rate, seed,
+                ))  # fmt: skip
+
+    def _request(
+        self, log: SuiteLog, pipeline: SuitePipeline, name: str, text: str, rate: str, seed: int
+    ) -> ReplayRequest:
+        label = f"{name}{'' if rate == 'max' else f'-x{rate}'}{'' if seed == 0 else f'-seed{seed}'}"
+        safe = file_name(label.replace(":", "-"))
+        # What two names would share gets a digest of its own.
+        safe = safe if re.fullmatch(r"[\w.+:-]+", label) and "_" not in label else with_digest(safe, label)
+        return replace(
+            self.options, log=log.request, pipeline=pipeline.base, settings=list(pipeline.settings),
+            sensors=list(pipeline.sensors), detect_every=pipeline.detect_every, condition=text, rate=rate, seed=seed,
+            out=self.folder / RUNS / log.name / pipeline.name / safe,
+        )  # fmt: skip
+
+
+def read_suite(path: Path, out: Path | None = None) -> Suite:
+    """Read a suite file; `out` is the suite's folder, `runs/NAME` by default. Raises ConfigError with file, line and
+    key of what isn't as expected.
+    """
+    return make_suite(SuiteText.read(path), path.parent, out or Path("runs") / file_name(path.stem))
+
+
+def make_suite(text: SuiteText, beside: Path, out: Path) -> Suite:
+    """Return what a suite file asks for, whose relative paths begin in the folder `beside`. Raises ConfigError as
+    `read_suite` does.
+    """
+    file = text.file
+    logs = list(_logs(text, beside, out))
+    pipelines = list(_pipelines(text, beside))
+    conditions = _conditions(text, beside)
+    for number, rate in enumerate(file.rates):
+        with _Place(text, ("rates", number)):
+            make_clock(rate, 0)
+    for number, profile in enumerate(file.scoring.profiles):
+        with _Place(text, ("scoring", "profiles", number)):
+            choose_profile(profile, None)
+    _require_unique(text, ("rates",), file.rates)
+    _require_unique(text, ("seeds",), file.seeds)
+    _require_unique(text, ("scoring", "profiles"), file.scoring.profiles)
+    given, scoring = file.replay, file.scoring
+    options = ReplayRequest(
+        logs[0].request, pipelines[0].base, reference=given.reference, timeout_ms=given.timeout_ms,
+        tolerance_ms=given.tolerance_ms, max_gap_s=given.max_gap_s, offset=given.offset, stamps=given.stamps,
+        from_=given.from_, to=given.to, frames=given.frames, interpolate_truth_ms=given.interpolate_truth_ms,
+        on_fault=given.on_fault, fault_budget=given.fault_budget, overwrite=True, no_media=not given.media,
+        scoring=ScoreOptions(
+            scoring.range_m, scoring.in_view, scoring.distance_m, scoring.iou, tuple(scoring.regions), scoring.seen
+        ),
+    )  # fmt: skip
+    suite = Suite(
+        file.title, logs, pipelines, conditions, file.rates, file.seeds, options, file.scoring.profiles, out,
+        text.content, text.where, {str(log.request.path.absolute()): log.url for log in logs if log.url},
+    )  # fmt: skip
+    for log in logs:
+        if not log.url and log.drive is None:
+            with _Place(text, ("replay",) if "[replay]" in text.content else ("logs",)):
+                replace(options, log=log.request).resolve()
+    return suite
+
+
+class _Place:
+    """Adds file, line and key to errors inside a `with` block."""
+
+    def __init__(self, text: SuiteText, place: Place) -> None:
+        self._text, self._place = text, place
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, FbenchError):
+            shown = re.sub(r"^--(set|condition|rate|sensors) ", "", str(error))
+            raise self._text.error(self._place, shown) from error
+
+
+def _logs(text: SuiteText, beside: Path, out: Path) -> Iterator[SuiteLog]:
+    names: dict[str, SuiteLog] = {}
+    paths: set[str] = set()
+    for number, entry in enumerate(text.file.logs):
+        place: Place = ("logs", number)
+        table = LogTable(path=entry) if isinstance(entry, str) else entry
+        if (table.path is None) == (table.simulate is None):
+            raise text.error(place, "expected either path or simulate")
+        found = _recorded(text, place, table, beside) if table.path is not None else _simulated(text, place, table, out)
+        for log in found:
+            if not _NAME.fullmatch(log.name):
+                what = "expected letters, digits and '_.+-' between them, as it names a folder"
+                raise text.error((*place, "name"), f"'{log.name}' can't be a name: {what}")
+            path = log.url or str(log.request.path.resolve())
+            other = names.setdefault(log.name, log)
+            if log == other is not log or (path in paths and log.drive is None):
+                raise text.error(place, f"'{log.name}' is listed twice")
+            if other is not log:
+                raise text.error(place, f"two logs are called '{log.name}'; give one a name")
+            paths.add(path)
+            yield log
+
+
+def _recorded(text: SuiteText, place: Place, table: LogTable, beside: Path) -> Iterator[SuiteLog]:
+    given = table.path or ""
+    for key in ("condition", "seconds", "seed", "sensors", "set"):
+        if key in table.model_fields_set:
+            raise text.error((*place, key), "is for a simulated log")
+    where = (*place, "path")
+    with _Place(text, where):
+        urls = find_logs(given) if is_url(given) else []
+    paths = [log_place(url) for url in urls]
+    if not urls:
+        pattern = str(beside / given)
+        paths = [Path(one) for one in sorted(glob(pattern, recursive=True))] if has_magic(given) else [Path(pattern)]
+        if not paths or not paths[0].exists():
+            raise text.error(where, f"no such log: {given}")
+    if table.name is not None and len(paths) > 1:
+        raise text.error((*place, "name"), f"the pattern fits {len(paths)} logs, which can't all have one name")
+    truth = None
+    if table.truth is not None:
+        truth = BoxSource(beside / table.truth, table.truth_format)
+        if not truth.path.exists():
+            raise text.error((*place, "truth"), f"no such file: {table.truth}")
+    config = None if table.config is None else NO_CONFIG if table.config == NO_CONFIG else str(beside / table.config)
+    rig = [beside / name for name in table.rig]
+    for path, url in zip(paths, urls or [""] * len(paths), strict=True):
+        name = file_name(path.stem).strip("_.-") if table.name is None else table.name
+        request = LogRequest(path, NO_CONFIG if url else config, rig, truth, topics=text.file.replay.topics)
+        yield SuiteLog(name, request, url)
+
+
+def _simulated(text: SuiteText, place: Place, table: LogTable, out: Path) -> Iterator[SuiteLog]:
+    from fbench.datasets.city.request import CityRequest
+
+    for key in ("config", "truth", "truth_format", "rig"):
+        if key in table.model_fields_set:
+            raise text.error((*place, key), "is for a recorded log")
+    every = list(product(_listed(table.simulate or ""), _listed(table.seed), _listed(table.condition)))
+    if table.name is not None and len(every) > 1:
+        raise text.error((*place, "name"), f"{len(every)} logs can't all have one name")
+    for world, seed, condition in every:
+        with _Place(text, place):
+            request = CityRequest(world, condition, table.seconds, seed, None, table.sensors, table.set)
+            drive = Drive(request.spec(), Path())
+        name = table.name or drive.name
+        path = out / LOGS / f"{name}.mcap"
+        yield SuiteLog(
+            name, LogRequest(path, NO_CONFIG, topics=text.file.replay.topics), drive=replace(drive, log=path)
+        )
+
+
+def _listed(value: T | list[T]) -> list[T]:
+    return value if isinstance(value, list) else [value]
+
+
+def _pipelines(text: SuiteText, beside: Path) -> Iterator[SuitePipeline]:
+    given = text.file.pipelines
+    named: list[tuple[str, PipelineTable, Place]] = []
+    if isinstance(given, dict):
+        for name, entry in given.items():
+            table = PipelineTable(base=entry) if isinstance(entry, str) else entry
+            named.append((name, table, ("pipelines", name)))
+    else:
+        for number, base in enumerate(given):
+            with _Place(text, ("pipelines", number)):
+                named.append((short_name(_file_beside(base, beside)), PipelineTable(base=base), ("pipelines", number)))
+    seen: set[str] = set()
+    for name, table, place in named:
+        if not _NAME.fullmatch(name):
+            what = "expected letters, digits and '_.+-' between them, as it names a folder"
+            raise text.error(place, f"'{name}' can't be a name: {what}")
+        if name in seen:
+            raise text.error(place, f"'{name}' is listed twice")
+        seen.add(name)
+        base = _file_beside(table.base or name, beside)
+        with _Place(text, place):
+            known = pipeline_parameters(base, [])
+            if table.detect_every is not None and "detect_every" not in known:
+                raise ConfigError("this pipeline has no parameter detect_every")
+            make_sensors(table.sensors)
+        with _Place(text, (*place, "set")):
+            pipeline_parameters(base, table.set)
+        yield SuitePipeline(name, base, tuple(table.set), tuple(table.sensors), table.detect_every)
+
+
+def _file_beside(name: str, beside: Path) -> str:
+    """A pipeline or condition whose file lies beside the suite's."""
+    is_file = name.endswith(".toml") or (".py:" in name and not name.startswith("exec:"))
+    return os.path.join(beside, name) if is_file else name  # keeps what follows the colon
+
+
+def _conditions(text: SuiteText, beside: Path) -> dict[str, str]:
+    """What replays take, by the name with the severity: empty for `clear`."""
+    found: dict[str, str] = {}
+    severities = [str(number) for number in text.file.severities] or [_SEVERITY]
+    _require_unique(text, ("severities",), text.file.severities)
+    for number, given in enumerate(text.file.conditions):
+        place: Place = ("conditions", number)
+        with _Place(text, place):
+            if given == CLEAR:
+                every = {CLEAR: ""}
+            elif has_strength(given):
+                every = {given: _file_beside(given, beside)}
+            else:
+                every = {"+".join(f"{part.strip()}:{own}" for part in given.split("+")): "" for own in severities}
+                every = {name: _file_beside(name, beside) for name in every}
+            for name, condition in every.items():
+                parse_conditions(condition)
+                if name in found:
+                    raise ConfigError(f"'{name}' is listed twice")
+                found[name] = condition
+    return found
+
+
+def _require_unique(text: SuiteText, place: Place, values: Sequence[object]) -> None:
+    for number, value in enumerate(values):
+        if value in values[:number]:
+            raise text.error((*place, number), f"{value} is listed twice")

@@ -1,0 +1,137 @@
+"""Suite files: the cells that they mean, and where they are wrong."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from fbench.api.suites.file import SuiteText, find_line
+from fbench.api.suites.plan import make_suite, read_suite
+from fbench.api.suites.run import group_of
+from fbench.replay.contracts.errors import ConfigError
+
+GOOD = """
+version = 1
+title = "weathers"
+conditions = ["clear", "fog", "dropout.lidar:2"]
+severities = [1, 5]
+rates = ["max", "2"]
+seeds = [0, 7]
+
+[[logs]]
+simulate = ["urban", "highway"]
+condition = "night"
+seconds = 2.0
+seed = 3
+
+[pipelines.late3d]
+
+[pipelines.late_wide]
+base = "late3d"
+set = ["lidar.max_range_m=60"]
+sensors = ["lidar", "radar"]
+"""
+
+
+def suite_of(content: str, folder: Path):
+    return make_suite(SuiteText(content.encode(), "suite.toml"), folder, Path("out"))
+
+
+def test_cells_are_the_product_of_all_and_clear_weather_is_not_repeated_for_seeds(tmp_path):
+    suite = suite_of(GOOD, tmp_path)
+    cells = suite.cells()
+    # Two logs, two pipelines, two rates; clear once, three disturbances for each of two seeds.
+    assert len(cells) == 2 * 2 * 2 * (1 + 3 * 2)
+    assert {cell.condition for cell in cells} == {"clear", "fog:1", "fog:5", "dropout.lidar:2"}
+    assert {cell.log for cell in cells} == {"urban-night-3", "highway-night-3"}
+    assert len({cell.request.out for cell in cells}) == len(cells)
+    assert all(cell.request.out.is_relative_to("out/runs") for cell in cells)
+    wide = next(cell for cell in cells if (cell.pipeline, cell.condition, cell.seed) == ("late_wide", "fog:5", 7))
+    request = wide.request
+    assert (request.pipeline, list(request.settings)) == ("late3d", ["lidar.max_range_m=60"])
+    assert (list(request.sensors), request.condition, request.seed) == (["lidar", "radar"], "fog:5", 7)
+    assert request.log.path == Path("out/logs/urban-night-3.mcap")
+
+
+def test_cells_that_need_the_same_messages_follow_each_other(tmp_path):
+    groups = [group_of(cell.request) for cell in suite_of(GOOD, tmp_path).cells()]
+    changes = sum(a != b for a, b in pairwise(groups))
+    assert changes + 1 == len(set(groups))
+
+
+def test_logs_by_pattern_are_beside_the_file_and_named_by_their_stems(tmp_path):
+    for name in ("b.mcap", "a.mcap", "c.txt"):
+        (tmp_path / name).write_bytes(b"")
+    path = tmp_path / "suite.toml"
+    path.write_text('version = 1\nlogs = ["*.mcap"]\npipelines = ["lidar3d"]\n')
+    suite = read_suite(path)
+    assert [(log.name, log.request.path.name) for log in suite.logs] == [("a", "a.mcap"), ("b", "b.mcap")]
+    assert suite.folder == Path("runs/suite")
+
+
+def test_a_changed_parameter_keeps_the_name_and_the_folder(tmp_path):
+    before, after = (suite_of(GOOD.replace("=60", f"={m}"), tmp_path).cells() for m in (60, 30))
+    assert [(c.pipeline, c.request.out) for c in before] == [(c.pipeline, c.request.out) for c in after]
+
+
+HEAD = "version = 1\n"
+LOG = '[[logs]]\nsimulate = "urban"\n'
+LIST = 'pipelines = ["lidar3d"]\n'
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "text"),
+    [
+        (HEAD + LIST + 'condition = ["fog"]\n' + LOG, 3, "'condition': isn't known; did you mean 'conditions'?"),
+        (HEAD + LIST + LOG + "secnods = 3.0\n", 5, "'logs.0.secnods': isn't known; did you mean 'seconds'?"),
+        (HEAD + LIST + LOG + '[scoring]\nrange = 3.0\n', 6, "'scoring.range': isn't known"),
+        (HEAD + LIST + LOG + LOG + 'seed = "three"\n', 7, "'logs.1.seed'"),
+        (HEAD + 'rates = "max"\n' + LIST + LOG, 2, "'rates': Input should be a valid list"),
+        (HEAD + LIST + "seeds = [-1]\n" + LOG, 3, "'seeds.0'"),
+        (HEAD + LOG + 'path = "x.mcap"\n' + "[pipelines.lidar3d]\n", 2, "expected either path or simulate"),
+        (HEAD + LIST + 'logs = ["no.mcap"]\n', 3, "'logs.0.path': no such log: no.mcap"),
+        (HEAD + LIST + '[[logs]]\npath = "no/*.mcap"\n', 4, "no such log: no/*.mcap"),
+        (HEAD + LIST + LOG.replace("urban", "urbna"), 3, "no simulated world 'urbna'; did you mean 'urban'?"),
+        (HEAD + LIST + LOG + LOG, 5, "'urban-clear-0' is listed twice"),
+        (HEAD + LIST + LOG + 'name = "a"\n' + LOG + 'seed = 1\nname = "a"\n', 6, "two logs are called 'a'"),
+        (HEAD + LIST + LOG + 'name = "../a"\n', 5, "'../a' can't be a name"),
+        (HEAD + LIST + LOG + 'name = "/etc"\n', 5, "'/etc' can't be a name"),
+        (HEAD + LOG + '[pipelines."a/b"]\nbase = "lidar3d"\n', 4, "'a/b' can't be a name"),
+        (HEAD + LOG + '[pipelines.".."]\nbase = "lidar3d"\n', 4, "'..' can't be a name"),
+        (HEAD + 'out = "../elsewhere"\n' + LIST + LOG, 2, "'out': isn't known"),
+        (HEAD + LOG + '[pipelines.a]\nbase = "lidar4d"\n', 4, "unknown pipeline 'lidar4d'"),
+        (HEAD + LOG + '[pipelines.a]\nbase = "lidar3d"\nset = ["lidar.rnage=3"]\n', 6, "lidar.rnage"),
+        (HEAD + 'pipelines = ["lidar3d", "lidar3d"]\n' + LOG, 2, "'lidar3d' is listed twice"),
+        (HEAD + LIST + 'conditions = ["fgo"]\n' + LOG, 3, "did you mean 'fog'"),
+        (HEAD + LIST + 'conditions = ["fog", "fog:3"]\n' + LOG, 3, "'fog:3' is listed twice"),
+        (HEAD + LIST + 'conditions = ["fog:9"]\n' + LOG, 3, "expected a severity of 0 to 5"),
+        (HEAD + LIST + 'rates = ["fast"]\n' + LOG, 3, "expected 'max' or a positive number"),
+        (HEAD + LIST + "seeds = [1, 2, 1]\n" + LOG, 3, "'seeds.2': 1 is listed twice"),
+        (HEAD + LIST + LOG + '[scoring]\nprofiles = ["kiti"]\n', 6, "kiti"),
+        (HEAD + LIST + LOG + '[replay]\nstamps = "now"\n', 6, "'replay.stamps'"),
+        ("version = 2\n" + LIST + LOG, 1, "'version'"),
+        (LIST + LOG, 1, "'version' is missing"),
+        (HEAD + LOG, 1, "'pipelines' is missing"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_one_line_with_file_line_and_key(tmp_path, content, line, text):
+    with pytest.raises(ConfigError) as raised:
+        suite_of(content, tmp_path)
+    said = str(raised.value)
+    assert said.startswith(f"suite.toml:{line}: "), said
+    assert text in said
+    assert "\n" not in said
+
+
+def test_what_is_no_toml_says_where(tmp_path):
+    with pytest.raises(ConfigError, match=r"suite.toml: isn't TOML .*line 3"):
+        suite_of("version = 1\nlogs = [\n[x\n", tmp_path)
+
+
+def test_lines_of_keys():
+    content = 'a = 1\n[b.c]\nd = 2\n[[e]]\nf = 3\n[[e]]\n"f" = 4\n'
+    assert find_line(content, ("a",)) == 1
+    assert find_line(content, ("b", "c", "d")) == 3
+    assert find_line(content, ("e", 1, "f")) == 7
+    assert find_line(content, ("e", 0, "nothing")) == 4
+    assert find_line(content, ("z",)) == 1
