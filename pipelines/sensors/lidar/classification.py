@@ -227,6 +227,9 @@ def plausibility(
 
 
 _TOP = FEATURES.index("top_m")
+_SECTORS, _LEAST_SECTORS = 120, 10  # Of 3 degrees, and in how many of them the highest beam must be seen to end
+_USUAL_SLOPE = float(np.tan(np.radians(15.0)))
+_SAME_SLOPE = 0.02  # By so much [m/m] a tilt of the LiDAR, or of the road, moves it
 _HIGHEST_M = 4.5  # No road user is higher [m]: what is seen above that is a tree or a bridge
 
 
@@ -241,13 +244,21 @@ class Seen:
 
     @property
     def ceiling_m(self) -> Float64:
-        """Height above ground (M,) up to which the LiDAR looks at each cluster [m], by the point that it saw steepest
-        above itself, at least level: the tops of what reaches higher are out of its sight.
+        """Height above ground (M,) up to which the LiDAR looks at each cluster [m]: the tops of what reaches higher are
+        out of its sight. Unless its highest beam shows, at one angle in many directions as no thing does, it looks up
+        as spinning LiDARs do.
         """
         eye_m = float(self.viewpoint[2] - self.plane.z_m(self.viewpoint[None])[0])
         points = np.concatenate([self.standing.xy_height, self.standing.tall])
-        away = np.hypot(points[:, 0] - self.viewpoint[0], points[:, 1] - self.viewpoint[1])
-        steepest = np.max((points[:, 2] - eye_m) / np.maximum(away, 1.0), initial=0.0)
+        x, y = (points[:, :2] - self.viewpoint[:2]).T
+        slope = (points[:, 2] - eye_m) / np.maximum(np.hypot(x, y), 1.0)
+        in_sector = np.full(_SECTORS, -np.inf)
+        np.maximum.at(
+            in_sector, np.floor((np.arctan2(y, x) / (2 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS, slope
+        )
+        steepest = float(in_sector.max())
+        if steepest <= 0 or np.count_nonzero(in_sector > steepest - _SAME_SLOPE) < _LEAST_SECTORS:
+            steepest = max(steepest, _USUAL_SLOPE)
         cos, sin = np.cos(self.rectangles[:, 0]), np.sin(self.rectangles[:, 0])
         along, across = (self.rectangles[:, [1, 2]] + self.rectangles[:, [3, 4]]).T / 2
         x, y = cos * along - sin * across - self.viewpoint[0], sin * along + cos * across - self.viewpoint[1]

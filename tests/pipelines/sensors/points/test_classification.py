@@ -98,20 +98,25 @@ def test_frames_without_boxes_have_the_same_fields_when_the_model_judges():
         assert fields(output.tracks) == fields(full.tracks)
 
 
+def seen_by(xy_height, viewpoint_m):
+    """Points, each a cluster of its own, above the ground at z = -1.4."""
+    x, y = xy_height[:, 0], xy_height[:, 1]
+    rectangles = np.column_stack([0 * x, x - 0.1, y - 0.5, x + 0.1, y + 0.5, 0 * x])
+    standing = Standing(xy_height, np.arange(len(x) + 1), np.zeros((0, 3)))
+    return Seen(standing, rectangles, Plane(0.0, 0.0, -1.4), np.array(viewpoint_m))
+
+
 def test_how_high_a_lidar_looks_at_what_it_sees():
-    """From 0.6 m above the ground, which lies at z = -1.4, to 0.95 m 10 m away: 0.035 m up for each meter. At 20 m that
-    is 1.3 m, and at 10 m the point itself.
+    """From 0.6 m above the ground it sees walls 10 m away up to 1.1 m all around: 0.05 m up for each meter. At 20 m
+    that is 1.6 m.
     """
-    xy_height = np.array([[12.0, 1.0, 0.95], [22.0, 1.0, 0.4]])
-    rectangles = np.array([[0.0, 11.9, 0.5, 12.1, 1.5, 0.0], [0.0, 21.5, 0.0, 22.5, 2.0, 0.0]])
-    seen = Seen(
-        Standing(xy_height, np.array([0, 1, 2]), np.zeros((0, 3))), rectangles, Plane(0.0, 0.0, -1.4),
-        np.array([2.0, 1.0, -0.8]),
-    )  # fmt: skip
-    np.testing.assert_allclose(seen.ceiling_m, [0.95, 1.3])
+    angle = np.radians(np.arange(0.0, 360.0, 2.0))
+    wall = np.column_stack([2.0 + 10.0 * np.cos(angle), 1.0 + 10.0 * np.sin(angle), np.full(len(angle), 1.1)])
+    ceiling_m = seen_by(np.vstack([wall, [22.0, 1.0, 0.4]]), (2.0, 1.0, -0.8)).ceiling_m
+    np.testing.assert_allclose(ceiling_m, [*[1.1] * len(wall), 1.6])
 
 
-def test_a_lidar_looks_at_least_level():
-    low = Standing(np.array([[10.0, 0.0, 0.5]]), np.array([0, 1]), np.zeros((0, 3)))
-    seen = Seen(low, np.array([[0.0, 9.0, -1.0, 11.0, 1.0, 0.0]]), Plane(0.0, 0.0, 0.0), np.array([0.0, 0.0, 1.8]))
-    np.testing.assert_allclose(seen.ceiling_m, [1.8])
+@pytest.mark.parametrize("height_m", [1.5, 0.5], ids=["above the LiDAR", "below it"])
+def test_one_thing_alone_does_not_show_how_high_a_lidar_looks(height_m):
+    up_m = 10.0 * np.tan(np.radians(15.0))
+    assert seen_by(np.array([[12.0, 1.0, height_m]]), (2.0, 1.0, -0.8)).ceiling_m == pytest.approx(0.6 + up_m)
