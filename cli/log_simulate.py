@@ -27,7 +27,7 @@ def simulate(
         str,
         Argument(
             metavar="WORLD",
-            help="urban or highway; suite: the logs of the fixed suite; training, training-points: those of the built-in detectors.",
+            help="urban or highway; suite: the logs of the fixed suite; training, training-points: of built-in detectors.",
         ),
     ],
     out: Annotated[
@@ -120,9 +120,7 @@ def _training_specs(request: "CityRequest", split: "Split | None") -> list[tuple
     from fbench.datasets.city.request import CityRequest, point_training_logs, training_logs
 
     if request != CityRequest(request.world) or split is not None:
-        raise ConfigError(
-            f"{request.world}: these logs are fixed; use only --out, --form, --threads and --overwrite"
-        )
+        raise ConfigError(f"{request.world}: these logs are fixed; use only --out, --form, --threads and --overwrite")
     logs = training_logs() if request.world == _TRAINING else point_training_logs()
     return [(spec, name) for name, spec in logs]
 

@@ -1,7 +1,6 @@
 """`fbench weights`: detectors for real images."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -48,7 +47,9 @@ def get(
 
 @app.command("train", epilog=options.examples("weights train"))
 def train(
-    folder: Annotated[Path, Argument(metavar="LOGS", help="Folder of logs with truth: 2D for camera, 3D for learned3d.")],
+    folder: Annotated[
+        Path, Argument(metavar="LOGS", help="Folder of logs with truth: 2D for camera, 3D for learned3d.")
+    ],
     out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="File for the weights.")],
     model: Annotated[
         Literal["camera", "learned3d"], Option(help="The camera detector, or the bird's-eye network of learned3d.")

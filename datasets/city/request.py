@@ -224,12 +224,12 @@ def point_training_logs() -> Iterator[tuple[str, CitySpec]]:
     """
     rig = thesis_rig()
     lidar, radar = rig.lidars["lidar"], rig.radars["radar"]
-    slow = {
-        name: spec.model_copy(update={"rate_hz": _POINT_RATE_HZ,
-                                      "points_per_s": round(spec.points_per_s / spec.rate_hz * _POINT_RATE_HZ)})
-        for name, spec in {"lidar": lidar, "radar": radar}.items()
-    }  # fmt: skip
-    rig = RigSpec(lidars={"lidar": slow["lidar"]}, radars={"radar": slow["radar"]}, pose_rate_hz=1.0)
+    few = [round(spec.points_per_s / spec.rate_hz * _POINT_RATE_HZ) for spec in (lidar, radar)]
+    rig = RigSpec(
+        lidars={"lidar": lidar.model_copy(update={"rate_hz": _POINT_RATE_HZ, "points_per_s": few[0]})},
+        radars={"radar": radar.model_copy(update={"rate_hz": _POINT_RATE_HZ, "points_per_s": few[1]})},
+        pose_rate_hz=1.0,
+    )
     for world in _BOTH:
         for place, seed in enumerate(TRAINING_SEEDS):
             for turn, traffic in enumerate(("", "traffic+")):

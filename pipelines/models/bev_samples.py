@@ -12,7 +12,7 @@ import numpy as np
 
 from fbench.pipelines.models.settings import LoopSettings
 from fbench.pipelines.sensors.bev.decoding import CLASSES
-from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, REACH_M, SLICES_M, BevPoints
+from fbench.pipelines.sensors.bev.grid import REACH_M, SLICES_M, BevPoints
 from fbench.pipelines.sensors.bev.stage import BevInput
 from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.sensors.points.merged import viewpoint
@@ -23,11 +23,13 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
-from fbench.replay.data.arrays import Float32, Int64
+from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import Rig
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frames import FrameStream
+from fbench.replay.geometry.camera import not_projectable, project_body
 from fbench.replay.geometry.kernels import kernel
 from fbench.replay.setup.source import LogRequest, log_source
 
@@ -86,9 +88,16 @@ def _read_log(path: Path) -> list[BevSample]:
     frames = {}
     for frame in stream.frames(reader):
         frames[frame.index] = (frame.stamp_ns, *prepare.view(frame, StageClock()))
+    truths = [(index, t) for index, t in stream.labels(reader) if t.boxes3d is not None and index in frames]
+    centers = [t.boxes3d.center_m for _, t in truths if t.boxes3d is not None]
+    cameras = [
+        name for name in sorted(rig.cameras) if name not in rig.bare and not_projectable(rig.cameras[name]) is None
+    ]
+    if not (cameras and _in_view(rig, cameras, np.concatenate([np.zeros((0, 3)), *centers]), 0.1).all()):
+        cameras = []
     found = []
-    for index, truth in stream.labels(reader):
-        if truth.boxes3d is None or index not in frames:
+    for index, truth in truths:
+        if truth.boxes3d is None:
             continue
         stamp_ns, points, plane = frames[index]
         eyes = [rig.body_T_sensor(name)[2, 3] for name in rig.sensors("lidar")]
@@ -98,8 +107,20 @@ def _read_log(path: Path) -> list[BevSample]:
         boxes, ids = make_rows(replace(truth.boxes3d, center_m=center))
         near = np.abs(boxes[:, :2]).max(axis=1, initial=0) < REACH_M + 5
         name = f"{info.name} {info.log_id} {stamp_ns}"
+        if cameras:  # only what they see was labeled
+            rows = [part[_in_view(rig, cameras, part[:, :3], 0.0)] for part in (points.lidar, points.radar)]
+            points = BevPoints(*rows)
         found.append(BevSample(name, _crop(points), eye.astype(np.float32), boxes[near], ids[near]))
     return found
+
+
+def _in_view(rig: Rig, cameras: Sequence[str], xyz: Float64, margin: float) -> Bool:
+    """Tell which points (N, 3) lie between the left and right edges of an image, or beside by a share of its width."""
+    inside = np.zeros(len(xyz), np.bool_)
+    for name in cameras:
+        wide, u = rig.cameras[name].size_wh[0], project_body(rig, name, xyz)[0][:, 0]
+        inside |= (u > -margin * wide) & (u < (1 + margin) * wide)
+    return inside
 
 
 def _crop(points: BevPoints) -> BevPoints:

@@ -25,7 +25,7 @@ from fbench.pipelines.sensors.bev.decoding import (
     STRIDE,
 )
 from fbench.pipelines.sensors.bev.grid import REACH_M, SIDE
-from fbench.pipelines.sensors.torch_kernels import rasterize_batch
+from fbench.pipelines.sensors.twins.bev import rasterize_batch
 
 _SPREAD = 0.35  # Standard deviation of a center's height in the map of scores, times the object's width + 1 cell
 _BESIDE = 0.3  # How much a neighbor of the cell with the center counts for the box
@@ -49,7 +49,8 @@ def assign(boxes: Tensor, class_id: Tensor, known: Tensor) -> BevTargets:
     middle = (torch.arange(side, device=boxes.device) + 0.5) * OUT_CELL_M - REACH_M
     dx, dy = middle[:, None] - boxes[..., 0, None, None], middle[None, :] - boxes[..., 1, None, None]  # (B, G, H, W)
     square = dx**2 + dy**2
-    wanted, there = class_id >= 0, boxes[..., 3] > 0
+    there = boxes[..., 3] > 0
+    wanted = there & (class_id >= 0)
     spread = _SPREAD * (torch.minimum(boxes[..., 4], boxes[..., 3]) + OUT_CELL_M)[..., None, None]
     inside = (dx.abs() <= OUT_CELL_M / 2) & (dy.abs() <= OUT_CELL_M / 2) & wanted[..., None, None]
     height = torch.where(inside, 1.0, torch.exp(-square / (2 * spread**2)).clamp(max=0.95)) * wanted[..., None, None]

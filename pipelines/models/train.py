@@ -114,9 +114,7 @@ class Training(Loop[Sample, TrainingSettings, CityDetector, list[View]]):
         images, truths = _tensors(batch, self.device)
         logits, boxes = self.network(images)
         size = (images.shape[3], images.shape[2])
-        return loss(
-            logits, boxes, assign(cells(*size).to(self.device), cell_strides(*size).to(self.device), truths)
-        )
+        return loss(logits, boxes, assign(cells(*size).to(self.device), cell_strides(*size).to(self.device), truths))
 
 
 def _tensors(views: Sequence[View], device: str) -> tuple[Tensor, Truths]:

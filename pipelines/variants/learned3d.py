@@ -53,9 +53,7 @@ class Learned3D(TrackingPipeline[Boxes3D]):
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs and radars of the rig, or those of one kind. Raises LogError where it has none."""
         params, settings = self._params, SensorSettings(self._params, rig)
-        self._stage = BevStage(
-            rig, log_info, params.network, params.lidar, params.radar, settings, self._detector
-        )
+        self._stage = BevStage(rig, log_info, params.network, params.lidar, params.radar, settings, self._detector)
         self._remember(self._stage)
         super().start(rig, log_info)
 

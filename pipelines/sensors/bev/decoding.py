@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.pipelines.sensors.bev.grid import CELL_M, REACH_M
 from fbench.pipelines.sensors.rows import suppress
-from fbench.replay.data.arrays import Float32, Float64
+from fbench.replay.data.arrays import Float32, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.iou import iou_bev
 
@@ -18,12 +18,15 @@ SCORE, KINDS = 0, slice(1, 1 + len(CLASSES))
 OFFSET, HEIGHT, SIZE, AXIS, FORWARD, SPEED, KNOWN = (
     slice(8, 10), 10, slice(11, 14), slice(14, 16), 16, slice(17, 19), 19
 )  # fmt: skip
-"""Rows of the output: probability of a center; a class's logits; the center's distance from the cell's middle [cells];
+"""Rows of the output: probability of a center; logits of classes; the center's distance from the cell's middle [cells];
 its height above ground [m]; logarithms of length, width, height [m]; sine and cosine of twice the heading; logit of the
-heading that points to x > 0 (of two, the one with sin >= 0 where cos is 0); velocity [10 m/s]; logit of its being known.
+heading that points to x > 0; velocity [10 m/s]; logit of its being known.
 """
 NUM_OUTPUTS = 20
 MAX_PEAKS = 300  # Of one frame; the surest count
+_SHORTEST_M = 0.3
+"""No road user is shorter. The built-in network learned to see a box of 0.1 m at the body's origin in every frame, from
+padding that its training took for objects."""
 _LARGEST = 3.2  # Of the logarithm of a size: 25 m
 
 
@@ -53,15 +56,16 @@ def decode(output: Float32, params: DecodingParams) -> Boxes3D:
         np.column_stack([x, y, found[HEIGHT]]), np.exp(np.clip(found[SIZE], -_LARGEST, _LARGEST)).T, yaw,
         velocity_mps=velocity, label=np.array(CLASSES)[found[KINDS].argmax(axis=0)], score=found[SCORE],
     )  # fmt: skip
+    boxes = boxes[boxes.size_lwh_m[:, 0] >= _SHORTEST_M]
     return boxes[suppress(iou_bev(boxes, boxes) > params.max_iou)]
 
 
-def _peaks(score: Float32, least: float) -> Float64:
+def _peaks(score: Float32, least: float) -> Int64:
     """Flat indices of the cells (H, W) that are surer than their neighbors, by falling score."""
     height, width = score.shape
     padded = np.full((height + 2, width + 2), -np.inf, np.float32)
     padded[1:-1, 1:-1] = score
-    is_peak = score >= max(least, np.finfo(np.float32).tiny)
+    is_peak = score >= max(least, float(np.finfo(np.float32).tiny))
     for row in range(3):
         for column in range(3):
             beside = padded[row : row + height, column : column + width]

@@ -65,7 +65,7 @@ class BevDetector:
         if output.shape != (1, NUM_OUTPUTS, SIDE // STRIDE, SIDE // STRIDE) or not np.isfinite(output).all():
             raise ModelError(f"{self._path}: not the output of a bird's-eye network")
         boxes = decode(output[0], DecodingParams(least, _MAX_IOU))
-        if self._params.classes:
+        if self._params.classes and boxes.label is not None:
             boxes = boxes[np.isin(boxes.label, self._params.classes)]
         center = boxes.center_m.copy()
         center[:, 2] += plane.z_m(center)

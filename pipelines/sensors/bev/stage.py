@@ -24,7 +24,8 @@ class BevInput:
     """
 
     def __init__(
-        self, rig: Rig, log_info: LogInfo, sensors: str, lidar: LidarParams, radar: RadarParams, settings: SensorSettings
+        self, rig: Rig, log_info: LogInfo, sensors: str, lidar: LidarParams, radar: RadarParams,
+        settings: SensorSettings,
     ) -> None:  # fmt: skip
         require("learned3d", KINDS[sensors], rig, log_info)
         self._ground = lidar.ground

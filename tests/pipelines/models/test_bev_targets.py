@@ -76,3 +76,12 @@ def test_nothing_is_a_mistake_in_an_ignored_object():
     assert not targets.counts[0, row, column]
     assert targets.counts.sum() > 0.99 * targets.counts.numel()
     assert CLASSES[0] == "car"
+
+
+def test_padding_is_no_object():
+    boxes, class_id, known = tensors()
+    padded = [torch.cat([part, torch.zeros_like(part)], 1) for part in (boxes, class_id, known)]
+    found, wanted = assign(*padded), assign(boxes, class_id, known)
+    assert torch.equal(found.score, wanted.score)
+    assert torch.equal(found.weight, wanted.weight)
+    assert torch.equal(found.counts, wanted.counts)

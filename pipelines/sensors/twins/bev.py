@@ -1,4 +1,4 @@
-"""Twins of kernels in PyTorch, for the CPU or CUDA; see `docs/learned.md` for how near they are to those of numba."""
+"""Twin of `bev.grid.rasterize`."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,8 @@ from fbench.pipelines.sensors.bev.grid import BevPoints
 
 
 def rasterize_batch(points: Sequence[BevPoints], device: str) -> Tensor:
-    """Draw points of B frames as `grid.rasterize` does: (B, C, `SIDE`, `SIDE`). All channels but the logarithms are
-    equal to its; those differ by at most 1e-6.
+    """Draw points of B frames as `grid.rasterize` does: (B, C, `SIDE`, `SIDE`). Slices of height are equal to its, the
+    other channels within 1e-6.
     """
     side, num = grid.SIDE, len(points)
     image = torch.zeros(num, grid.NUM_CHANNELS, side * side, device=device)
