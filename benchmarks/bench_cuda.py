@@ -6,6 +6,7 @@ python benchmarks/bench_cuda.py LOG.mcap: medians over the frames of a log with 
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,14 +50,18 @@ def median_ms(work: Callable[[Any], object], inputs: list[Any], device: str) -> 
     return float(np.median(times)) * 1e3
 
 
+def draw(device: str, one: BevPoints) -> object:
+    """Draw one frame, transfer included."""
+    return bev.rasterize_batch([one], device)
+
+
 def main(path: Path) -> None:
     torch.set_num_threads(2)
     log = open_log(path)
     settings = SensorSettings(Learned3DParams(), log.rig)
     lidar, radar = LidarParams(), RadarParams()
-    of_lidar, of_radar = (
-        stage(log.rig, log.info, params, settings) for stage, params in ((LidarStage, lidar), (RadarStage, radar))
-    )
+    of_lidar = LidarStage(log.rig, log.info, lidar, settings)
+    of_radar = RadarStage(log.rig, log.info, radar, settings)
     clouds, clusters, echoes, drawn = [], [], [], []
     for frame in log.frames():
         xyz, seen = of_lidar.points(frame, StageClock()), of_radar.echoes(frame, StageClock())
@@ -112,7 +117,7 @@ def main(path: Path) -> None:
     for device in devices:
         print(
             f"{'rasterize, with transfer, ' + device:34}{median_ms(rasterize, drawn, 'cpu'):10.2f}"
-            f"{median_ms(lambda one, d=device: bev.rasterize_batch([one], d), drawn, device):12.2f}"
+            f"{median_ms(partial(draw, device), drawn, device):12.2f}"
         )
     for device in devices:
         net, eye = network.to(device), camera.to(device)

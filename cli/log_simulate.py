@@ -27,7 +27,7 @@ def simulate(
         str,
         Argument(
             metavar="WORLD",
-            help="urban or highway; suite: the logs of the fixed suite; training, training-points: of built-in detectors.",
+            help="urban or highway; suite: the fixed suite; training, training-points: for built-in detectors.",
         ),
     ],
     out: Annotated[

@@ -114,7 +114,7 @@ def _read_log(path: Path) -> list[BevSample]:
     return found
 
 
-def _in_view(rig: Rig, cameras: Sequence[str], xyz: Float64, margin: float) -> Bool:
+def _in_view(rig: Rig, cameras: Sequence[str], xyz: Float64 | Float32, margin: float) -> Bool:
     """Tell which points (N, 3) lie between the left and right edges of an image, or beside by a share of its width."""
     inside = np.zeros(len(xyz), np.bool_)
     for name in cameras:
