@@ -123,8 +123,8 @@ def main(path: Path) -> None:
         net, eye = network.to(device), camera.to(device)
         with torch.no_grad():
             alone = median_ms(net, [torch.from_numpy(one).to(device) for one in image[:6]], device)
-            seen = median_ms(eye, [torch.rand(1, 3, 480, 640, device=device)], device)
-        print(f"{'networks, torch ' + device:34}bird's eye {alone:.2f} ms, camera {seen:.2f} ms")
+            looked = median_ms(eye, [torch.rand(1, 3, 480, 640, device=device)], device)
+        print(f"{'networks, torch ' + device:34}bird's eye {alone:.2f} ms, camera {looked:.2f} ms")
     print(
         f"bird's eye, onnxruntime, 2 threads, drawing and decoding included "
         f"{median_ms(lambda one: detector.detect(one, Plane(0, 0, 0), 0.4), drawn, 'cpu'):.2f} ms ({BUILTIN.name})"

@@ -5,13 +5,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fbench.datasets.city.rig import thesis_rig
+from fbench.pipelines.fusion.early.cloud import DepthStage
 from fbench.pipelines.sensors.bev import decoding, grid
 from fbench.pipelines.sensors.bev.decoding import NUM_OUTPUTS, DecodingParams, decode
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevDetector, BevParams
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, rasterize
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.variants.learned3d import Learned3DParams
 from fbench.replay.contracts.errors import ConfigError, ModelError
+from fbench.replay.contracts.params import StageClock
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.data.rig import LogInfo
 
 
 def test_points_are_drawn_where_they_are():
@@ -86,6 +93,25 @@ def test_a_car_of_points_is_found_and_heights_are_above_the_ground():
     none = BevDetector(BevParams(threads=1, classes=("bus",))).detect(points, Plane(0, 0, 0), 0.3)
     assert set(none.label) <= {"bus"}
     assert not len(detector.detect(BevPoints(NO_LIDAR, NO_RADAR), Plane(0, 0, 0), 0.3))
+
+
+def test_the_network_takes_the_place_of_clusters():
+    draw, rig = np.random.default_rng(1), thesis_rig().rig()
+    side = np.array([draw.uniform(8, 12.4, 300), np.full(300, 2.1), draw.uniform(0.3, 1.4, 300)]).T
+    rear = np.array([np.full(150, 8.0), draw.uniform(2.1, 3.9, 150), draw.uniform(0.3, 1.4, 150)]).T
+    wall = np.array([draw.uniform(-20, 20, 400), np.full(400, -14.0), draw.uniform(0.3, 2.4, 400)]).T
+    road = np.column_stack([draw.uniform(-30, 30, (4000, 2)), np.zeros(4000)])
+    params, settings = LidarParams(detector="learned"), SensorSettings(Learned3DParams(), rig)
+    stage = LidarStage(rig, LogInfo("log", "id"), params, settings)
+    view = stage.detect(stage.obstacles(np.concatenate([side, rear, wall, road]), StageClock()))
+    at = int(np.argmin(np.hypot(*(view.boxes.center_m[:, :2] - (10.2, 3.0)).T)))
+    inside = view.xyz[view.cluster == at]
+    assert len(inside) >= 440, "nearly all of the car's points"
+    assert inside[:, 1].min() > 2.0, "and no others"
+    assert sorted(set(view.cluster[view.cluster >= 0].tolist())) == list(range(len(view.boxes)))
+    assert (np.diff(view.cluster) >= 0).all()
+    with pytest.raises(ConfigError, match="lidar.detector=learned: early3d"):
+        DepthStage(rig, LogInfo("log", "id"), params, settings, None)
 
 
 def test_what_isnt_such_a_network_is_refused(tmp_path):
