@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fbench.datasets.city.spec import CitySpec
     from fbench.datasets.importing.run import ImportedLog
 
-_SUITE, _TRAINING = "suite", "training"
+_SUITE, _TRAINING, _POINTS = "suite", "training", "training-points"
 
 
 def simulate(
@@ -27,7 +27,7 @@ def simulate(
         str,
         Argument(
             metavar="WORLD",
-            help="urban or highway; suite: the logs of the fixed suite; training: those of the built-in detector.",
+            help="urban or highway; suite: the fixed suite; training, training-points: for built-in detectors.",
         ),
     ],
     out: Annotated[
@@ -67,7 +67,7 @@ def simulate(
     from fbench.replay.logs.convert.target import Target
 
     request = CityRequest(world, condition, seconds, seed, rig, tuple(sensors or ()), tuple(settings or ()))
-    if world in (_SUITE, _TRAINING):
+    if world in (_SUITE, _TRAINING, _POINTS):
         specs = _suite_specs(request, split) if world == _SUITE else _training_specs(request, split)
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -117,11 +117,12 @@ def _suite_specs(request: "CityRequest", split: "Split | None") -> list[tuple["C
 
 
 def _training_specs(request: "CityRequest", split: "Split | None") -> list[tuple["CitySpec", str]]:
-    from fbench.datasets.city.request import CityRequest, training_logs
+    from fbench.datasets.city.request import CityRequest, point_training_logs, training_logs
 
-    if request != CityRequest(_TRAINING) or split is not None:
-        raise ConfigError("training: these logs are fixed; use only --out, --form, --threads and --overwrite")
-    return [(spec, name) for name, spec in training_logs()]
+    if request != CityRequest(request.world) or split is not None:
+        raise ConfigError(f"{request.world}: these logs are fixed; use only --out, --form, --threads and --overwrite")
+    logs = training_logs() if request.world == _TRAINING else point_training_logs()
+    return [(spec, name) for name, spec in logs]
 
 
 def _content(spec: "CitySpec", log: "ImportedLog") -> dict[str, object]:

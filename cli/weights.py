@@ -1,7 +1,6 @@
 """`fbench weights`: detectors for real images."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -48,14 +47,19 @@ def get(
 
 @app.command("train", epilog=options.examples("weights train"))
 def train(
-    folder: Annotated[Path, Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
+    folder: Annotated[
+        Path, Argument(metavar="LOGS", help="Folder of logs with truth: 2D for camera, 3D for learned3d.")
+    ],
     out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="File for the weights.")],
+    model: Annotated[
+        Literal["camera", "learned3d"], Option(help="The camera detector, or the bird's-eye network of learned3d.")
+    ] = "camera",
     seed: Annotated[int | None, Option(min=0, help="Seed of the initial weights and of the augmentation.")] = None,
     steps: Annotated[int | None, Option(min=1, help="Number of training steps; use fewer for a trial.")] = None,
     device: Annotated[Literal["cpu", "cuda"], Option(help="Device on which to train.")] = "cpu",
     threads: Annotated[int, Option(min=1, max=256, help="Number of CPU threads.")] = 2,
 ) -> None:
-    """Train the built-in detector again, or one for your own logs; run it again to continue after an interruption."""
+    """Train a built-in detector again, or one for your own logs; run it again to continue after an interruption."""
     try:
         import onnx  # noqa: F401
         import torch
@@ -66,21 +70,18 @@ def train(
     make_parent(out)
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("--device cuda: torch finds no CUDA device here")
-    torch.set_num_threads(threads)
-    from fbench.pipelines.models.network import export
-    from fbench.pipelines.models.samples import TrainingSettings, samples
-    from fbench.pipelines.models.train import Training
+    from fbench.pipelines.models.recipes import Recipe, TrainRequest
 
-    settings = TrainingSettings()
-    settings = replace(settings, seed=settings.seed if seed is None else seed, steps=steps or settings.steps)
-    found = samples(_find_logs(folder))
-    say(f"{format_count(len(found), 'image')}, {format_count(settings.steps, 'step')}, seed {settings.seed}")
+    recipe = Recipe(TrainRequest(model, _find_logs(folder), seed, steps, device, threads))
+    loop = recipe.loop
+    num = format_count(len(loop.samples), "image" if model == "camera" else "frame")
+    say(f"{num}, {format_count(loop.settings.steps, 'step')}, seed {loop.settings.seed}")
     checkpoint = out.with_suffix(".checkpoint")
-    with message_progress(out.name, settings.steps) as progress:
-        network = Training(found, settings, device).run(checkpoint, _reporter(progress))
-    export(network, out)
+    with message_progress(out.name, loop.settings.steps) as progress:
+        network = loop.run(checkpoint, _reporter(progress, recipe.losses))
+    card = recipe.finish(network, out)
     checkpoint.unlink()
-    say(f"weights: {out}")
+    say(f"weights: {out}", f"card: {card}")
 
 
 def show_weights(catalogue: "Sequence[Entry]", as_json: bool) -> None:
@@ -139,12 +140,13 @@ def _find_logs(folder: Path) -> Sequence[Path]:
     return found
 
 
-def _reporter(progress: Callable[[int], None]) -> Callable[[int, float], None]:
+def _reporter(progress: Callable[[int], None], every: list[float]) -> Callable[[int, float], None]:
     begun, losses = monotonic(), list[float]()
 
     def report(step: int, loss: float) -> None:
         progress(step)
         losses.append(loss)
+        every.append(loss)
         if step % _STEPS_A_LINE == 0:
             say(f"step {step}: loss {sum(losses) / len(losses):.3f}, {monotonic() - begun:.0f} s")
             losses.clear()

@@ -194,3 +194,27 @@ def training_logs() -> Iterator[tuple[str, CitySpec]]:
             if turn % 2:
                 name = "traffic" if name == "clear" else f"traffic+{name}"
             yield f"{world}-{name}-{seed}", CitySpec(world, condition(name), _SECONDS, seed, rig)
+
+
+_POINT_WEATHERS = ("clear", "fog", "rain", "clear", "dense-fog", "heavy-rain", "clear")
+_POINT_SECONDS, _POINT_RATE_HZ = 24.0, 0.5
+
+
+def point_training_logs() -> Iterator[tuple[str, CitySpec]]:
+    """Yield name and spec of every log of points: LiDAR and radar of the thesis, as dense as there in each message but
+    one every 2 s; each drive with normal and with dense traffic.
+    """
+    rig = thesis_rig()
+    lidar, radar = rig.lidars["lidar"], rig.radars["radar"]
+    few = [round(spec.points_per_s / spec.rate_hz * _POINT_RATE_HZ) for spec in (lidar, radar)]
+    rig = RigSpec(
+        lidars={"lidar": lidar.model_copy(update={"rate_hz": _POINT_RATE_HZ, "points_per_s": few[0]})},
+        radars={"radar": radar.model_copy(update={"rate_hz": _POINT_RATE_HZ, "points_per_s": few[1]})},
+        pose_rate_hz=1.0,
+    )
+    for world in _BOTH:
+        for place, seed in enumerate(TRAINING_SEEDS):
+            for turn, traffic in enumerate(("", "traffic+")):
+                weather = _POINT_WEATHERS[(place + 3 * turn) % len(_POINT_WEATHERS)]
+                name = "traffic" if traffic and weather == "clear" else traffic + weather
+                yield f"{world}-{name}-{seed}", CitySpec(world, condition(name), _POINT_SECONDS, seed, rig)

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from fbench.pipelines.models.settings import LoopSettings
 from fbench.pipelines.sensors.camera.layouts import PAD_VALUE
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import LogError
@@ -23,22 +24,15 @@ INPUT_WH = (640, 480)  # Width and height of the finished detector's input [px]
 
 
 @dataclass(frozen=True)
-class TrainingSettings:
-    """Parameters of a training."""
+class TrainingSettings(LoopSettings):
+    """Parameters of a training; every `whole_every`-th batch is one of whole images."""
 
-    seed: int = 1
-    steps: int = 8000  # Batches; every `whole_every`-th is one of whole images.
     crops: int = 12  # Crops in a batch.
     crop_wh: tuple[int, int] = (320, 256)  # Size of a crop [px of the network's input].
     wholes: int = 3  # Whole images in a batch.
     whole_every: int = 5
     zoom: tuple[float, float] = (0.55, 1.4)
     """Range of the scale of a crop, times the scale of a whole image in the network's input; drawn evenly in log."""
-    learning_rate: float = 4.0e-3
-    warm_up: int = 150  # Steps over which the learning rate rises.
-    weight_decay: float = 0.02
-    average: float = 0.9985  # How much of the averaged weights each step keeps; these are the ones that are exported.
-    checkpoint_every: int = 100  # Steps.
 
 
 @dataclass(frozen=True, eq=False)

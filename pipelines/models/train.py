@@ -1,21 +1,16 @@
-"""The loop of a training: targets, loss, averaged weights, checkpoints from which it goes on."""
+"""The training of the city's camera detector: targets and loss."""
 
-import copy
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from pickle import UnpicklingError
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
+from fbench.pipelines.models.loop import Loop
 from fbench.pipelines.models.network import CityDetector, cell_strides, cells
 from fbench.pipelines.models.samples import CLASSES, Batcher, Sample, TrainingSettings, View
-from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array
 
 _RADIUS = 1.5  # Strides from the middle of an object within which cells shall find it
@@ -103,99 +98,23 @@ def giou(a: Tensor, b: Tensor) -> Tensor:
     return shared / union.clamp(min=1e-6) - (hull - union) / hull.clamp(min=1e-6)
 
 
-_STATE = {"made_from", "step", "network", "averaged", "optimizer"}
-Report = Callable[[int, float], None]  # Called with the number of steps done and the latest loss
+class Training(Loop[Sample, TrainingSettings, CityDetector, list[View]]):
+    """The city's camera detector under way."""
 
+    def make_network(self) -> CityDetector:
+        """Return the network with its first weights."""
+        return CityDetector(len(CLASSES))
 
-@dataclass(eq=False)
-class Training:
-    """A network under way. Raises ConfigError where a checkpoint is of other settings or samples."""
+    def batches(self, first: int, last: int) -> Iterator[list[View]]:
+        """Yield the views of steps `first` to before `last`."""
+        return Batcher(self.samples, self.settings).batches(first, last)
 
-    samples: Sequence[Sample]
-    settings: TrainingSettings
-    device: str = "cpu"
-
-    def __post_init__(self) -> None:
-        torch.manual_seed(self.settings.seed)
-        self.network = CityDetector(len(CLASSES)).to(self.device, memory_format=torch.channels_last)
-        self.averaged = copy.deepcopy(self.network).eval()
-        weights = [p for p in self.network.parameters() if p.ndim > 1]  # they decay, biases and scales don't
-        others = [p for p in self.network.parameters() if p.ndim <= 1]
-        groups = [
-            {"params": weights, "weight_decay": self.settings.weight_decay},
-            {"params": others, "weight_decay": 0.0},
-        ]
-        self._optimizer = torch.optim.AdamW(groups, lr=self.settings.learning_rate)
-        self.step = 0
-
-    def run(self, checkpoint: Path, report: Report) -> CityDetector:
-        """Train to the end, from the checkpoint where there is one; return the averaged network."""
-        if checkpoint.is_file():
-            self._resume(checkpoint)
-        batcher = Batcher(self.samples, self.settings)
-        for views in batcher.batches(self.step, self.settings.steps):
-            value = self._learn(views)
-            self.step += 1
-            report(self.step, value)
-            if self.step % self.settings.checkpoint_every == 0 or self.step == self.settings.steps:
-                self._save(checkpoint)
-        return self.averaged
-
-    def _learn(self, views: Sequence[View]) -> float:
-        for group in self._optimizer.param_groups:
-            group["lr"] = _rate(self.step, self.settings)
-        self.network.train()
-        images, truths = _tensors(views, self.device)
+    def judge(self, batch: list[View]) -> Tensor:
+        """Return the loss of the network on some views."""
+        images, truths = _tensors(batch, self.device)
         logits, boxes = self.network(images)
         size = (images.shape[3], images.shape[2])
-        targets = assign(cells(*size).to(self.device), cell_strides(*size).to(self.device), truths)
-        value = loss(logits, boxes, targets)
-        self._optimizer.zero_grad()
-        value.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), 10.0)
-        self._optimizer.step()
-        # Less is averaged at the beginning, when weights are far from where they will be.
-        _average(self.averaged, self.network, self.settings.average * (1 - math.exp(-(self.step + 1) / 300)))
-        return float(value.detach())
-
-    def _save(self, checkpoint: Path) -> None:
-        part = checkpoint.with_suffix(".part")
-        state = {
-            "made_from": self._make_from(), "step": self.step, "network": self.network.state_dict(),
-            "averaged": self.averaged.state_dict(), "optimizer": self._optimizer.state_dict(),
-        }  # fmt: skip
-        torch.save(state, part)
-        part.replace(checkpoint)
-
-    def _resume(self, checkpoint: Path) -> None:
-        state = _load(checkpoint, self.device)
-        if state["made_from"] != self._make_from():
-            raise ConfigError(f"{checkpoint}: a checkpoint of other settings or logs; delete it, or name another")
-        self.network.load_state_dict(state["network"])
-        self.averaged.load_state_dict(state["averaged"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        self.step = int(state["step"])
-
-    def _make_from(self) -> dict[str, str]:
-        return {"settings": repr(asdict(self.settings)), "samples": " ".join(s.name for s in self.samples)}
-
-
-def _load(checkpoint: Path, device: str) -> dict[str, Any]:
-    try:
-        state: dict[str, Any] = torch.load(checkpoint, weights_only=True, map_location=device)
-    except (RuntimeError, UnpicklingError, EOFError) as error:
-        raise ConfigError(f"{checkpoint}: damaged, or no checkpoint; delete it, or name another") from error
-    if not isinstance(state, dict) or set(state) != _STATE:
-        raise ConfigError(f"{checkpoint}: no checkpoint of a training; delete it, or name another")
-    return state
-
-
-def _rate(step: int, settings: TrainingSettings) -> float:
-    """Return the learning rate: it rises, then falls as a cosine to a fiftieth."""
-    if step < settings.warm_up:
-        return settings.learning_rate * (step + 1) / settings.warm_up
-    done = (step - settings.warm_up) / max(1, settings.steps - settings.warm_up)
-    return settings.learning_rate * (0.02 + 0.98 * (1 + math.cos(math.pi * done)) / 2)
+        return loss(logits, boxes, assign(cells(*size).to(self.device), cell_strides(*size).to(self.device), truths))
 
 
 def _tensors(views: Sequence[View], device: str) -> tuple[Tensor, Truths]:
@@ -212,12 +131,3 @@ def _pad(rows: Sequence[Array], value: float) -> Tensor:
     most = max(1, *(len(part) for part in rows))
     filled = [np.pad(part, ((0, most - len(part)), (0, 0)), constant_values=value) for part in rows]
     return torch.from_numpy(np.stack(filled).astype(np.float32))
-
-
-@torch.no_grad()
-def _average(averaged: nn.Module, network: nn.Module, kept: float) -> None:
-    for old, new in zip(averaged.state_dict().values(), network.state_dict().values(), strict=True):
-        if old.dtype.is_floating_point:
-            old.lerp_(new, 1 - kept)
-        else:
-            old.copy_(new)

@@ -53,6 +53,6 @@ def test_a_trained_file_is_a_detector(fbench, tmp_path):
     result = fbench("weights", "train", str(log.parent), "-o", str(out), "--steps", "2", "--threads", "1")
     assert result.code == 0, result.err
     assert f"weights: {out}" in result.out.replace("\n", "")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.onnx", "logs"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.onnx", "logs"]
     replayed = fbench("replay", str(log), "-p", "camera2d", "--set", f"camera.weights={out}", "-o", str(tmp_path / "r"))
     assert replayed.code == 0, replayed.err

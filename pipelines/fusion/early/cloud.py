@@ -12,6 +12,7 @@ from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.stage import Compensated
 from fbench.pipelines.sensors.rows import Rows
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoStage
+from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Array, Bool, Float64
@@ -86,6 +87,8 @@ class DepthStage:
     def __init__(
         self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings, stereo: StereoStage | None
     ) -> None:
+        if params.detector != "clusters":
+            raise ConfigError(f"lidar.detector={params.detector}: early3d detects in one cloud of all sensors")
         self._lidar = LidarStage(rig, log_info, params, settings)
         self._stereo, self._params = stereo, ObjectParams()
         self.pair = () if stereo is None else (stereo.pair.left, stereo.pair.right)  # Cameras that give depth

@@ -5,6 +5,8 @@ from typing import Literal
 
 import numpy as np
 
+from fbench.pipelines.sensors.bev.detector import BevDetector, BevParams
+from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
 from fbench.pipelines.sensors.points import vehicle
 from fbench.pipelines.sensors.points.clustering import ClusterParams
@@ -13,7 +15,7 @@ from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points
 from fbench.pipelines.sensors.points.vehicle import Footprints, OtherSizes, VehicleSize
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.metadata import SIMULATED
@@ -59,6 +61,10 @@ class LidarParams(CheckedParams, prefix="lidar"):
     in simulated logs, else by both.
     """
     shape: CarShapeParams = field(default_factory=CarShapeParams)  # What a cluster must look like by the rules.
+    detector: Literal["clusters", "learned"] = "clusters"
+    """Whether points are clustered and judged, or a bird's-eye network detects in them: clusters are then what lies in
+    its boxes."""
+    network: BevParams = field(default_factory=BevParams)  # That network; `network.sensors` changes nothing.
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -75,6 +81,7 @@ class Obstacles:
     xyz: Float64  # (N, 3) [m] in body coordinates
     height_m: Float64  # (N,) above ground [m]
     tall: Float64  # (M, 3) [m] points above the height of cars
+    rows: Float32 = field(default_factory=lambda: NO_LIDAR)  # (K, 3) x, y and height above ground [m] of all points
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +108,8 @@ def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
     top = params.cluster.max_height_m
     standing = near & (height > params.ground.tolerance_m) & (height < top)
     rows, tall = np.flatnonzero(standing), np.flatnonzero(near & (height >= top) & (height < 2.5 * top))
-    return Obstacles(plane, xyz.take(rows, axis=0), height.take(rows), xyz.take(tall, axis=0))
+    found = Obstacles(plane, xyz.take(rows, axis=0), height.take(rows), xyz.take(tall, axis=0))
+    return found if params.detector == "clusters" else replace(found, rows=lidar_rows(xyz, height))
 
 
 def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarView:
@@ -279,12 +287,17 @@ class RejectedClusters:
         return (Fault("PRD005", text),)
 
 
+_LEAST_LEARNED = 0.1  # What the network is less sure of isn't reported, for no other sensor to confirm
+_IN_M = 0.2  # Points so far beside a box are still in it
+
+
 class LidarStage:
     """Remembers how the ground lies, for frames in which no LiDAR tells, and how the body moves."""
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, resolve_judge(params, log_info)
-        self.judge = self._params.judge
+        self._network = BevDetector(params.network) if params.detector == "learned" else None
+        self.judge = self._params.judge if self._network is None else "model"
         self.labeled = self.judge != "rules"  # Whether boxes have labels
         own = settings.own("lidar", params, OWN)
         self._ranges_m = {name: (p.min_range_m, p.max_range_m or np.inf) for name, p in own.items()}
@@ -310,9 +323,28 @@ class LidarStage:
 
     def detect(self, found: Obstacles) -> LidarView:
         """Detect in obstacles as `obstacles` gives them."""
+        if self._network is not None:
+            return self._detect_learned(self._network, found)
         view = complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint[:2])
         self._rejected.count(view)
         return replace(view, plane=self._plane)
+
+    def _detect_learned(self, network: BevDetector, found: Obstacles) -> LidarView:
+        """Take what lies in the boxes of the network for clusters; boxes in which nothing lies are left out."""
+        if found.plane is None:
+            return LidarView(self._plane, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty())
+        boxes = network.detect(BevPoints(found.rows, NO_RADAR), found.plane, _LEAST_LEARNED)
+        cluster = np.full(len(found.xyz), -1)
+        half = boxes.size_lwh_m[:, :2] / 2 + _IN_M
+        for number in range(len(boxes) - 1, -1, -1):  # the surest last, which then has them
+            offset, yaw = found.xyz[:, :2] - boxes.center_m[number, :2], boxes.yaw_rad[number]
+            along = np.abs(offset @ np.array([np.cos(yaw), np.sin(yaw)]))
+            across = np.abs(offset @ np.array([-np.sin(yaw), np.cos(yaw)]))
+            cluster[(along < half[number, 0]) & (across < half[number, 1])] = number
+        kept = np.unique(cluster[cluster >= 0])
+        cluster[cluster >= 0] = np.searchsorted(kept, cluster[cluster >= 0])
+        order = np.argsort(cluster, kind="stable")
+        return LidarView(self._plane, found.xyz[order], cluster[order], replace(boxes[kept], velocity_mps=None))
 
     def warnings(self) -> tuple[Fault, ...]:
         """Say where nearly all clusters since the start of the rig were rejected."""

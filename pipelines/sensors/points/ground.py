@@ -71,7 +71,7 @@ def heights(xyz: Float64, is_near: Bool, cell: Int64, plane: Float64, surface: F
 
 @kernel
 def best_bands(z_m: Float64, lower_m: Float64, band_m: float) -> tuple[Int64, Int64]:
-    """Return for each row of ascending heights (R, N) [m] how many lie within the best band, less `_BELOW` for each far
+    """Return for each row of ascending heights (R, N) [m] how many lie within the best band, less `BELOW` for each far
     below it, and where it begins.
 
     A band begins with one of the heights and includes both its ends; of equally good ones the lowest counts. Ascending
@@ -86,14 +86,14 @@ def best_bands(z_m: Float64, lower_m: Float64, band_m: float) -> tuple[Int64, In
                 end += 1
             while below < z_m.shape[1] and lower_m[row, below] < z_m[row, begin]:
                 below += 1
-            value = end - begin - _BELOW * below
+            value = end - begin - BELOW * below
             if value > most[row]:
                 most[row], at[row] = value, begin
     return most, at
 
 
-_BELOW = 2  # A point far below what is taken for the ground outweighs so many that lie on it
-_DIP_M, _CREST_M = 0.3, 500.0
+BELOW = 2  # A point far below what is taken for the ground outweighs so many that lie on it
+DIP_M, CREST_M = 0.3, 500.0
 """What is lower than the ground by more than this [m] lies far below it, unless the ground falls off as on a crest of
 this radius [m]; that of roads for 50 km/h is no smaller."""
 
@@ -152,11 +152,9 @@ def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
     """
     if len(lowest) < 3:
         return None
-    steps = np.linspace(-params.max_tilt, params.max_tilt, 9)
-    tilts = sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t))
-    slopes, band_m = np.array(tilts), 0.8
+    slopes, band_m = tilts(params), 0.8
     z = lowest[:, 2] - slopes[:, :1] * lowest[:, 0] - slopes[:, 1:] * lowest[:, 1]
-    fall = _DIP_M + (lowest[:, 0] ** 2 + lowest[:, 1] ** 2) / (2 * _CREST_M)
+    fall = DIP_M + (lowest[:, 0] ** 2 + lowest[:, 1] ** 2) / (2 * CREST_M)
     lower = np.sort(z + fall, axis=1)
     z.sort(axis=1)
     num, begin = best_bands(z, lower, band_m)
@@ -165,6 +163,12 @@ def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
     for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
         plane = _refine(plane, lowest, band_m)
     return plane
+
+
+def tilts(params: GroundParams) -> Float64:
+    """Slopes (81, 2) along x and y of planes up to the steepest one, the flattest first."""
+    steps = np.linspace(-params.max_tilt, params.max_tilt, 9)
+    return np.array(sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t)))
 
 
 def _refine(plane: Plane, lowest: Float64, band_m: float) -> Plane:

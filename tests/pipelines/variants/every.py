@@ -42,7 +42,7 @@ class Case:
 CASES = (
     Case("camera2d", "C"), Case("lidar2d", "L"), Case("radar2d", "R", ("min_score=0.3",)), Case("lidar3d", "L"),
     Case("radar3d", "R"), Case("stereo3d", "S", ONE_PAIR), Case("early2d", "CLR"), Case("early3d", "CLR"),
-    Case("late2d", "CLR"), Case("late3d", "CLR"), Case("track", "D"),
+    Case("late2d", "CLR"), Case("late3d", "CLR"), Case("track", "D"), Case("learned3d", "LR"),
     Case("thesis/camera2d", "C"), Case("thesis/lidar2d", "L", LOW), Case("thesis/radar2d", "R", LOW),
     Case("thesis/lidar3d", "L", LOW), Case("thesis/radar3d", "R", LOW), Case("thesis/early2d", "CLR", LOW),
     Case("thesis/early3d", "CLR", LOW), Case("thesis/early3d-stereo", "CLRS", LOW),

@@ -1,0 +1,250 @@
+"""Points and truth of a training of the bird's-eye network, and the inputs of each step."""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from fbench.pipelines.models.settings import LoopSettings
+from fbench.pipelines.sensors.bev.decoding import CLASSES
+from fbench.pipelines.sensors.bev.grid import REACH_M, SLICES_M, BevPoints
+from fbench.pipelines.sensors.bev.stage import BevInput
+from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.points.merged import viewpoint
+from fbench.pipelines.sensors.radar.stage import RadarParams
+from fbench.pipelines.variants.learned3d import Learned3DParams
+from fbench.replay.conditions.generators import generator
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.params import StageClock
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import Rig
+from fbench.replay.engine.clock import Clock
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.frames import FrameStream
+from fbench.replay.geometry.camera import not_projectable, project_body
+from fbench.replay.geometry.kernels import kernel
+from fbench.replay.setup.source import LogRequest, log_source
+
+Sensors = Literal["both", "lidar", "radar"]
+
+
+@dataclass(frozen=True)
+class BevSettings(LoopSettings):
+    """Parameters of a training of the bird's-eye network."""
+
+    steps: int = 2443
+    batch: int = 12  # Frames
+    learning_rate: float = 2.0e-3
+    sensors: tuple[float, float, float] = (0.5, 0.35, 0.15)  # Shares of views of both, of LiDAR and of radar alone
+    turned: float = 0.5  # Share of views that are turned about the body's origin
+    turn_rad: float = 0.6  # Largest turn to either side
+    scale: float = 0.05  # Largest relative change of all lengths and speeds
+    shift_m: float = 0.1  # Largest change of all heights
+    thinned: float = 0.5  # Share of views from which LiDAR's channels or points are dropped
+    bands: tuple[int, ...] = (2, 3, 4, 5, 6, 8)  # Of these many neighboring channels, one is kept
+    band_rad: float = 0.0069  # Between neighboring channels
+    least_kept: float = 0.2  # Least share of points that are kept
+    least_points: int = 3  # With fewer points of LiDAR, and fewer than 2 standing echoes, nobody need find an object
+
+
+@dataclass(frozen=True, eq=False)
+class BevSample:
+    """One frame and the G boxes around it."""
+
+    name: str  # Log with its id, and stamp
+    points: BevPoints
+    eye: Float32  # (3,) where the LiDARs are: x, y, height [m]
+    boxes: Float32  # (G, 9) x, y, height of the middle above ground, length, width, height, yaw, velocity along x and y
+    class_id: Int64  # (G,) index in `CLASSES`; -1 of what is neither to be found nor a mistake
+
+
+def bev_samples(logs: Sequence[Path], threads: int = 1) -> list[BevSample]:
+    """Read all frames of logs that have 3D truth. Raises LogError where there are none, or nothing is to be found."""
+    with ThreadPoolExecutor(threads, "fbench-logs") as pool:
+        found = [sample for part in pool.map(_read_log, logs) for sample in part]
+    if not any((sample.class_id >= 0).any() for sample in found):
+        raise LogError(f"no frame with 3D truth labeled {', '.join(CLASSES)} in these logs: nothing to learn from")
+    return found
+
+
+def _read_log(path: Path) -> list[BevSample]:
+    source = log_source(LogRequest(path))
+    faults = FaultLog()
+    reader = source.open(faults)
+    sync = source.sync_params(None, None, None, None)
+    stream = FrameStream(reader, sync, source.stamps(None, ()), Excerpt(), Clock(), faults)
+    rig, info = reader.rig, reader.info
+    kinds = {rig.mounts[name].kind for name in rig.sensors("lidar", "radar")}
+    sensors = "both" if len(kinds) == 2 else next(iter(kinds), "both")
+    prepare = BevInput(rig, info, sensors, LidarParams(), RadarParams(), SensorSettings(Learned3DParams(), rig))
+    frames = {}
+    for frame in stream.frames(reader):
+        frames[frame.index] = (frame.stamp_ns, *prepare.view(frame, StageClock()))
+    truths = [(index, t) for index, t in stream.labels(reader) if t.boxes3d is not None and index in frames]
+    centers = [t.boxes3d.center_m for _, t in truths if t.boxes3d is not None]
+    cameras = [
+        name for name in sorted(rig.cameras) if name not in rig.bare and not_projectable(rig.cameras[name]) is None
+    ]
+    if not (cameras and _in_view(rig, cameras, np.concatenate([np.zeros((0, 3)), *centers]), 0.1).all()):
+        cameras = []
+    found = []
+    for index, truth in truths:
+        if truth.boxes3d is None:
+            continue
+        stamp_ns, points, plane = frames[index]
+        eyes = [rig.body_T_sensor(name)[2, 3] for name in rig.sensors("lidar")]
+        eye = np.array([*viewpoint(rig, "lidar"), np.mean(eyes) - plane.height_m if eyes else 0.0])
+        center = truth.boxes3d.center_m.copy()
+        center[:, 2] -= plane.z_m(center)
+        boxes, ids = make_rows(replace(truth.boxes3d, center_m=center))
+        near = np.abs(boxes[:, :2]).max(axis=1, initial=0) < REACH_M + 5
+        name = f"{info.name} {info.log_id} {stamp_ns}"
+        if cameras:  # only what they see was labeled
+            rows = [part[_in_view(rig, cameras, part[:, :3], 0.0)] for part in (points.lidar, points.radar)]
+            points = BevPoints(*rows)
+        found.append(BevSample(name, _crop(points), eye.astype(np.float32), boxes[near], ids[near]))
+    return found
+
+
+def _in_view(rig: Rig, cameras: Sequence[str], xyz: Float64 | Float32, margin: float) -> Bool:
+    """Tell which points (N, 3) lie between the left and right edges of an image, or beside by a share of its width."""
+    inside = np.zeros(len(xyz), np.bool_)
+    for name in cameras:
+        wide, u = rig.cameras[name].size_wh[0], project_body(rig, name, xyz)[0][:, 0]
+        inside |= (u > -margin * wide) & (u < (1 + margin) * wide)
+    return inside
+
+
+def _crop(points: BevPoints) -> BevPoints:
+    """Leave out what is never drawn, however it is turned and scaled."""
+    kept = [(np.abs(rows[:, :2]) < 1.45 * REACH_M).all(axis=1) for rows in (points.lidar, points.radar)]
+    height = points.lidar[:, 2]
+    kept[0] &= (height > SLICES_M[0] - 0.5) & (height < SLICES_M[-1] + 0.5)
+    return BevPoints(points.lidar[kept[0]], points.radar[kept[1]])
+
+
+def make_rows(boxes: Boxes3D) -> tuple[Float32, Int64]:
+    """Rows (G, 9) and classes (G,) of boxes whose z is above ground; see `BevSample`."""
+    ids = np.full(len(boxes), -1)
+    if boxes.label is not None:
+        for index, label in enumerate(CLASSES):
+            ids[boxes.label == label] = index
+        ids[boxes.label == "trailer"] = CLASSES.index("truck")
+    if boxes.ignore is not None:
+        ids[boxes.ignore] = -1
+    velocity = np.full((len(boxes), 3), np.nan) if boxes.velocity_mps is None else boxes.velocity_mps
+    columns = boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, velocity[:, :2]
+    return np.column_stack(columns).astype(np.float32), ids.astype(np.int64)
+
+
+@kernel
+def count_inside(points: Float32, boxes: Float32, margin_m: float, bottom_m: float) -> Int64:
+    """Count the points (N, 3 or more) in each box (G, 9) widened by a margin, and at least `bottom_m` high: (G,)."""
+    result = np.zeros(len(boxes), np.int64)
+    for g in range(len(boxes)):
+        c, s = np.cos(boxes[g, 6]), np.sin(boxes[g, 6])
+        top = boxes[g, 2] + boxes[g, 5] / 2 + margin_m
+        for i in range(len(points)):
+            x, y = points[i, 0] - boxes[g, 0], points[i, 1] - boxes[g, 1]
+            if (
+                abs(c * x + s * y) < boxes[g, 3] / 2 + margin_m
+                and abs(c * y - s * x) < boxes[g, 4] / 2 + margin_m
+                and bottom_m < points[i, 2] < top
+            ):
+                result[g] += 1
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class BevView:
+    """An input of the network and what is in it."""
+
+    points: BevPoints
+    boxes: Float32  # (G, 9)
+    class_id: Int64  # (G,); -1 is ignored
+    is_speed_known: Int64  # (G,) 1 where an echo tells
+
+
+_MARGIN_M = 0.15
+_LEAST_ECHOES = 2
+
+
+def view(sample: BevSample, settings: BevSettings, draw: np.random.Generator) -> BevView:
+    """Change a frame in ways that leave it a frame: turned, mirrored, scaled, thinned, without a kind of sensor."""
+    sensors = int(draw.choice(3, p=np.array(settings.sensors)))
+    points, boxes, eye = sample.points, sample.boxes.astype(np.float64), sample.eye.astype(np.float64)
+    lidar, radar = points.lidar.astype(np.float64), points.radar.astype(np.float64)
+    if sensors != 0 and len(lidar) and len(radar):
+        lidar, radar = (lidar, radar[:0]) if sensors == 1 else (lidar[:0], radar)
+    if draw.random() < settings.thinned:
+        lidar = _thin(lidar, eye, settings, draw)
+        radar = radar[draw.random(len(radar)) < draw.uniform(settings.least_kept, 1)]
+    if draw.random() < settings.turned:
+        angle = draw.uniform(-settings.turn_rad, settings.turn_rad)
+        rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        for rows in (lidar, radar, boxes):
+            rows[:, :2] = rows[:, :2] @ rotation
+        boxes[:, 7:] = boxes[:, 7:] @ rotation
+        boxes[:, 6] += angle
+    if draw.random() < 0.5:
+        for rows, columns in ((lidar, [1]), (radar, [1]), (boxes, [1, 6, 8])):
+            rows[:, columns] *= -1
+    scale, shift = 1 + settings.scale * draw.uniform(-1, 1), settings.shift_m * draw.uniform(-1, 1)
+    lidar *= scale
+    radar *= scale
+    boxes[:, [0, 1, 2, 3, 4, 5, 7, 8]] *= scale
+    for rows in (lidar, radar, boxes):
+        rows[:, 2] += shift
+    found = BevPoints(lidar.astype(np.float32), radar.astype(np.float32))
+    return judge_boxes(found, boxes.astype(np.float32), sample.class_id, settings.least_points)
+
+
+def judge_boxes(points: BevPoints, boxes: Float32, class_id: Int64, least_points: int) -> BevView:
+    """Ignore objects of which next to nothing is seen, and tell whose speed can be known."""
+    seen = count_inside(points.lidar, boxes, _MARGIN_M, 0.15)
+    echoes = count_inside(points.radar, boxes, _MARGIN_M, 0.15)
+    ids = np.where((seen >= least_points) | (echoes >= _LEAST_ECHOES), class_id, -1)
+    known = (echoes > 0) & np.isfinite(boxes[:, 7])
+    return BevView(points, np.nan_to_num(boxes), ids, known.astype(np.int64))
+
+
+def _thin(lidar: np.ndarray, eye: np.ndarray, settings: BevSettings, draw: np.random.Generator) -> np.ndarray:
+    """Keep one of several neighboring channels, or points by chance."""
+    if draw.random() < 0.6:
+        off = lidar - eye
+        band = np.floor(np.arctan2(off[:, 2], np.hypot(off[:, 0], off[:, 1])) / settings.band_rad).astype(np.int64)
+        of = int(draw.choice(settings.bands))
+        return lidar[band % of == int(draw.integers(of))]
+    return lidar[draw.random(len(lidar)) < draw.uniform(settings.least_kept, 1)]
+
+
+@dataclass(frozen=True)
+class BevBatcher:
+    """Draws which frames a step sees, and how."""
+
+    samples: Sequence[BevSample]
+    settings: BevSettings
+    threads: int = 2
+
+    def batches(self, first: int, last: int) -> Iterator[list[BevView]]:
+        """Yield the batches of steps `first` to before `last`; the next ones are made while one is in use."""
+        with ThreadPoolExecutor(self.threads, "fbench-views") as pool:
+            waiting = deque[list[object]]()
+            upcoming = iter(range(first, last))
+            for _ in range(first, last):
+                while len(waiting) <= self.threads // 4 + 1 and (step := next(upcoming, None)) is not None:
+                    waiting.append([pool.submit(work) for work in self._views(step)])
+                yield [future.result() for future in waiting.popleft()]  # type: ignore[attr-defined]
+
+    def _views(self, step: int) -> Iterator[partial[BevView]]:
+        seed, num = self.settings.seed, self.settings.batch
+        for place, index in enumerate(generator(seed, "samples", step).choice(len(self.samples), num).tolist()):
+            yield partial(view, self.samples[index], self.settings, generator(seed, "view", step, place))

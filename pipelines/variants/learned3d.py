@@ -1,0 +1,63 @@
+"""learned3d: road users by a bird's-eye network on the points of LiDARs, radars or both, and a tracker."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.pipelines.sensors.bev.detector import BUILTIN, BevDetector, BevParams
+from fbench.pipelines.sensors.bev.stage import KINDS, BevStage
+from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.radar.stage import RadarParams
+from fbench.pipelines.tracking.params import Tracker3DParams, steady_tracking
+from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.trackers import Tracker3D
+from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.contracts.settings import describe_file
+from fbench.replay.data.boxes import Boxes3D, Source
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.rig import LogInfo, Rig
+
+
+@dataclass(frozen=True)
+class Learned3DParams(CheckedParams):
+    """Parameters of `learned3d`."""
+
+    network: BevParams = field(default_factory=BevParams)  # The detector.
+    lidar: LidarParams = field(default_factory=LidarParams)
+    """How LiDARs are prepared: ranges, the own vehicle, motion in a sweep, ground. Nothing is clustered."""
+    radar: RadarParams = field(default_factory=RadarParams)
+    """How echoes are prepared: ranges, magnitudes, ego motion. Nothing is clustered."""
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
+    detect_every: int = in_range(1, 1)
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one sensor, by its name: `--set top.min_range_m=1` goes before `lidar.min_range_m`; see `late3d`."""
+
+
+_SOURCES = {"both": Source.L | Source.R, "lidar": Source.L, "radar": Source.R}
+
+
+class Learned3D(TrackingPipeline[Boxes3D]):
+    """Labeled boxes in 3D from all LiDARs and radars together, or from one kind alone; with velocity where an echo
+    tells.
+    """
+
+    def __init__(self, params: Learned3DParams = Learned3DParams()) -> None:
+        super().__init__(Tracker3D(params.tracking), params.detect_every)
+        self._params, self._detector = params, BevDetector(params.network)
+        self.kinds = KINDS[params.network.sensors]
+        if params.network.weights == "auto":
+            self.weights = {"network.weights": describe_file(BUILTIN)}
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all LiDARs and radars of the rig, or those of one kind. Raises LogError where it has none."""
+        params, settings = self._params, SensorSettings(self._params, rig)
+        self._stage = BevStage(rig, log_info, params.network, params.lidar, params.radar, settings, self._detector)
+        self._remember(self._stage)
+        super().start(rig, log_info)
+
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+        boxes = self._stage.view(frame, clock)
+        sources = np.full(len(boxes), int(_SOURCES[self._params.network.sensors]), np.uint8)
+        return Detected(Boxes3D(**{**boxes.arrays(), "sources": sources}))

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is an extra")
+pytest.importorskip("onnx", reason="onnx is an extra")
+
+from fbench.pipelines.models.bev_network import BevNetwork, export  # noqa: E402
+from fbench.pipelines.models.bev_samples import BevSample, BevSettings, count_inside, view  # noqa: E402
+from fbench.pipelines.models.bev_train import BevTraining  # noqa: E402
+from fbench.pipelines.sensors.bev.grid import NUM_CHANNELS, SIDE, BevPoints  # noqa: E402
+from fbench.pipelines.sensors.camera.model import load  # noqa: E402
+from fbench.replay.conditions.generators import generator  # noqa: E402
+
+pytestmark = pytest.mark.torch
+
+
+@pytest.fixture(scope="module")
+def made() -> list[BevSample]:
+    """A block of points in a box, and echoes."""
+    draw, found = np.random.default_rng(0), []
+    for index in range(3):
+        box = np.array([[10.0 + index, 5.0, 0.8, 4.4, 1.8, 1.6, 0.4, 5.0, 0.0]], np.float32)
+        inner = draw.uniform(-0.5, 0.5, (400, 2)) * (4.4, 1.8)
+        c, s = np.cos(0.4), np.sin(0.4)
+        xy = inner @ np.array([[c, s], [-s, c]]) + box[0, :2]
+        lidar = np.column_stack([xy, draw.uniform(0.3, 1.5, 400)]).astype(np.float32)
+        radar = np.column_stack([xy[:20], np.full(20, 0.7), np.full(20, 4.0)]).astype(np.float32)
+        eye = np.array([0, 0, 2.0], np.float32)
+        found.append(BevSample(f"made {index}", BevPoints(lidar, radar), eye, box, np.array([0])))
+    return found
+
+
+def test_views_keep_points_in_their_boxes(made):
+    settings = BevSettings(turned=1.0, thinned=0.0, sensors=(1.0, 0.0, 0.0))
+    places = set()
+    for place in range(12):
+        shown = view(made[0], settings, generator(1, "view", 0, place))
+        assert count_inside(shown.points.lidar, shown.boxes, 0.15, 0.0)[0] == 400
+        assert shown.is_speed_known.tolist() == [1]
+        places.add(tuple(shown.boxes[0, :2].tolist()))
+    assert len(places) == 12, "each view is another"
+
+
+def test_what_nothing_is_seen_of_need_not_be_found(made):
+    settings = BevSettings(turned=0.0, thinned=0.0, sensors=(0.0, 1.0, 0.0))
+    empty = BevSample("empty", BevPoints(made[0].points.lidar[:2], made[0].points.radar), made[0].eye, made[0].boxes,
+                      made[0].class_id)  # fmt: skip
+    assert view(made[0], settings, generator(1, "view", 0, 0)).class_id.tolist() == [0]
+    shown = view(empty, settings, generator(1, "view", 0, 0))
+    assert len(shown.points.radar) == 0
+    assert shown.class_id.tolist() == [-1], "two points, and no echoes"
+
+
+@pytest.mark.slow
+def test_the_file_gives_what_the_network_gives(tmp_path):
+    torch.manual_seed(3)
+    network = BevNetwork().eval()
+    points = np.random.default_rng(2).random((1, NUM_CHANNELS, SIDE, SIDE), np.float32)
+    with torch.no_grad():
+        wanted = network(torch.from_numpy(points)).numpy()
+    export(network, tmp_path / "a.onnx", {"seed": "3"})
+    session = load(tmp_path / "a.onnx", 1)
+    (found,) = session.run(None, {"points": points})
+    assert np.abs(found[:, 1:] - wanted[:, 1:]).max() < 1e-4
+    assert np.abs(found[:, 0] - 1 / (1 + np.exp(-wanted[:, 0]))).max() < 1e-5
+    assert session.get_modelmeta().custom_metadata_map["seed"] == "3"
+
+
+@pytest.mark.slow
+def test_one_seed_gives_the_same_weights_and_another_others(made, tmp_path):
+    found = []
+    for turn, seed in enumerate((1, 1, 2)):
+        settings = BevSettings(seed=seed, steps=2, batch=1)
+        trained = BevTraining(made, settings, threads=1).run(tmp_path / f"{turn}.pt", lambda step, loss: None)
+        found.append(torch.cat([value.flatten().double() for value in trained.state_dict().values()]))
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])

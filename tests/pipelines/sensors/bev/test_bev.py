@@ -1,0 +1,130 @@
+"""Drawing, decoding and running of the bird's-eye network."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fbench.datasets.city.rig import thesis_rig
+from fbench.pipelines.fusion.early.cloud import DepthStage
+from fbench.pipelines.sensors.bev import decoding, grid
+from fbench.pipelines.sensors.bev.decoding import NUM_OUTPUTS, DecodingParams, decode
+from fbench.pipelines.sensors.bev.detector import BUILTIN, BevDetector, BevParams
+from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, rasterize
+from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.variants.learned3d import Learned3DParams
+from fbench.replay.contracts.errors import ConfigError, ModelError
+from fbench.replay.contracts.params import StageClock
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.data.rig import LogInfo
+
+
+def test_points_are_drawn_where_they_are():
+    lidar = np.array([[0.1, -0.1, 0.6], [0.2, -0.2, 1.3], [0.2, -0.2, 9.0], [60, 0, 1]], np.float32)
+    radar = np.array([[10.0, 5.0, 1.0, -4.0], [10.1, 5.1, 1.0, 2.5], [10.1, 5.1, 4.0, 0.0]], np.float32)
+    image = rasterize(BevPoints(lidar, radar))
+    row, column = 208, 207  # of 416 cells of 0.25 m: x 0 to 0.25, y -0.25 to 0
+    assert np.flatnonzero(image[:9, row, column]).tolist() == [2, 4], "0.5 to 0.8 m and 1.1 to 1.5 m"
+    assert image[grid.COUNT, row, column] == pytest.approx(np.log(3) / 4)
+    assert image[grid.TOP, row, column] == pytest.approx(1.3 / 3)
+    assert image[: grid.COUNT + 1].sum() == pytest.approx(2 + np.log(3) / 4), "nothing is drawn elsewhere"
+    row, column = 248, 228
+    assert image[grid.ECHOES, row, column] == pytest.approx(np.log(3) / 4)
+    assert image[grid.OTHER_ECHOES, row, column] == pytest.approx(np.log(2) / 4)
+    assert image[grid.RECEDING, row, column] == pytest.approx(0.25)
+    assert image[grid.APPROACHING, row, column] == pytest.approx(0.4)
+    assert image[grid.RANGE, 415, 208] == pytest.approx(np.hypot(51.875, 0.125) / 52)
+
+
+def blank() -> np.ndarray:
+    output = np.zeros((NUM_OUTPUTS, 104, 104), np.float32)
+    output[decoding.KNOWN] = -1
+    return output
+
+
+def test_a_peak_becomes_the_box_that_its_cell_describes():
+    output = blank()
+    output[0, 60, 40], output[0, 60, 41] = 0.9, 0.7
+    cell = output[:, 60, 40]
+    cell[1 + 2] = 3  # a truck
+    cell[decoding.OFFSET] = 0.25, -0.5
+    cell[decoding.HEIGHT] = 1.5
+    cell[decoding.SIZE] = np.log([8, 2.5, 3])
+    cell[decoding.AXIS] = np.sin(0.6), np.cos(0.6)
+    cell[decoding.FORWARD] = -2  # backward: 0.3 - pi
+    cell[decoding.SPEED], cell[decoding.KNOWN] = (-1.2, 0.1), 1
+    boxes = decode(output, DecodingParams(0.5, 0.2))
+    assert len(boxes) == 1, "its neighbor is no peak"
+    assert boxes.center_m[0] == pytest.approx([60.5 + 0.25 - 52, 40.5 - 0.5 - 52, 1.5])
+    assert boxes.size_lwh_m[0] == pytest.approx([8, 2.5, 3])
+    assert boxes.yaw_rad[0] == pytest.approx(0.3 - np.pi)
+    assert boxes.velocity_mps[0] == pytest.approx([-12, 1, 0])
+    assert boxes.label.tolist() == ["truck"]
+    assert boxes.score[0] == pytest.approx(0.9)
+
+
+def test_of_equal_neighbors_one_is_a_peak_and_of_overlapping_boxes_the_surest_stays():
+    output = blank()
+    output[0, 10, 10:13] = 0.6
+    output[0, 90, 90] = 0.9
+    output[0, 50, 50], output[0, 50, 53] = 0.6, 0.8
+    output[decoding.SIZE, 50] = np.log([2, 9, 2])[:, None]
+    output[decoding.SIZE, 90] = np.log(0.2)  # smaller than any road user
+    output[decoding.AXIS, 10:51] = np.array([0, 1])[:, None, None]
+    boxes = decode(output, DecodingParams(0.5, 0.15))
+    places = [(round(float(x) + 51.5), round(float(y) + 51.5)) for x, y, _ in boxes.center_m]
+    assert places == [(50, 53), (10, 10)]
+    assert not len(decode(output, DecodingParams(0.9, 0.15)))
+    assert np.isnan(boxes.velocity_mps[:, :2]).all()
+
+
+def test_a_car_of_points_is_found_and_heights_are_above_the_ground():
+    draw = np.random.default_rng(1)
+    side = [draw.uniform(8, 12.4, 300), np.full(300, 2.1), draw.uniform(0.3, 1.4, 300)]
+    rear = [np.full(150, 8.0), draw.uniform(2.1, 3.9, 150), draw.uniform(0.3, 1.4, 150)]
+    points = BevPoints(np.concatenate([np.array(side).T, np.array(rear).T]).astype(np.float32), NO_RADAR)
+    detector = BevDetector(BevParams(threads=1))
+    flat, raised = (detector.detect(points, Plane(0, 0, height), 0.3) for height in (0.0, 5.0))
+    assert flat.label[0] in ("car", "van")
+    assert np.hypot(*(flat.center_m[0, :2] - (10.2, 3.0))) < 0.7
+    assert raised.center_m[0, 2] - flat.center_m[0, 2] == pytest.approx(5)
+    none = BevDetector(BevParams(threads=1, classes=("bus",))).detect(points, Plane(0, 0, 0), 0.3)
+    assert set(none.label) <= {"bus"}
+    assert not len(detector.detect(BevPoints(NO_LIDAR, NO_RADAR), Plane(0, 0, 0), 0.3))
+
+
+def test_the_network_takes_the_place_of_clusters():
+    draw, rig = np.random.default_rng(1), thesis_rig().rig()
+    side = np.array([draw.uniform(8, 12.4, 300), np.full(300, 2.1), draw.uniform(0.3, 1.4, 300)]).T
+    rear = np.array([np.full(150, 8.0), draw.uniform(2.1, 3.9, 150), draw.uniform(0.3, 1.4, 150)]).T
+    wall = np.array([draw.uniform(-20, 20, 400), np.full(400, -14.0), draw.uniform(0.3, 2.4, 400)]).T
+    road = np.column_stack([draw.uniform(-30, 30, (4000, 2)), np.zeros(4000)])
+    params, settings = LidarParams(detector="learned"), SensorSettings(Learned3DParams(), rig)
+    stage = LidarStage(rig, LogInfo("log", "id"), params, settings)
+    view = stage.detect(stage.obstacles(np.concatenate([side, rear, wall, road]), StageClock()))
+    at = int(np.argmin(np.hypot(*(view.boxes.center_m[:, :2] - (10.2, 3.0)).T)))
+    inside = view.xyz[view.cluster == at]
+    assert len(inside) >= 440, "nearly all of the car's points"
+    assert inside[:, 1].min() > 2.0, "and no others"
+    assert sorted(set(view.cluster[view.cluster >= 0].tolist())) == list(range(len(view.boxes)))
+    assert (np.diff(view.cluster) >= 0).all()
+    with pytest.raises(ConfigError, match="detector=learned: early3d"):
+        DepthStage(rig, LogInfo("log", "id"), params, settings, None)
+
+
+def test_what_isnt_such_a_network_is_refused(tmp_path):
+    with pytest.raises(ModelError, match=r"city\.onnx: not a bird's-eye network"):
+        BevDetector(BevParams(weights=CITY_WEIGHTS))
+    with pytest.raises(ConfigError, match="weights can't be read"):
+        BevDetector(BevParams(weights=tmp_path / "none.onnx"))
+    (tmp_path / "text.onnx").write_text("text")
+    with pytest.raises(ModelError, match=r"text\.onnx: not an ONNX"):
+        BevDetector(BevParams(weights=tmp_path / "text.onnx"))
+    with pytest.raises(ConfigError, match=r"network\.classes: the network knows no 'cars'; did you mean 'car'"):
+        BevParams(classes=("cars",))
+
+
+def test_the_network_is_small():
+    assert Path(BUILTIN).stat().st_size < 4e6
