@@ -1,5 +1,6 @@
 """The commands of `fbench`, and how their errors become one line and an exit code."""
 
+import errno
 import io
 import os
 import resource
@@ -181,7 +182,8 @@ def _terminate(number: int, frame: FrameType | None) -> None:
     raise TerminatedError
 
 
-_SIGNS_OF_NO_MEMORY = ("failed to map segment", "Cannot allocate memory", "can't start new thread", "bad_alloc")
+_SIGNS_OF_NO_MEMORY = ("failed to map segment", "Cannot allocate memory", "bad_alloc")
+_SIGNS_OF_NO_PROCESS = ("can't start new thread", os.strerror(errno.EAGAIN))
 
 
 def _line(error: Exception) -> str:
@@ -193,6 +195,8 @@ def _line(error: Exception) -> str:
             text = "out of memory: the data needs more than there is"
         case ImportError() | OSError() | RuntimeError() if any(sign in str(error) for sign in _SIGNS_OF_NO_MEMORY):
             text = f"out of memory: {one_line(error)}"
+        case OSError() | RuntimeError() if any(sign in str(error) for sign in _SIGNS_OF_NO_PROCESS):
+            text = f"out of processes, threads or memory (ulimit -u, ulimit -v): {one_line(error)}"
         case OSError() if error.errno is not None:
             text = f"{error.filename or 'output'}: {os.strerror(error.errno)}"
         case _UsageError():

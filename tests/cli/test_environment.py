@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -83,3 +84,33 @@ def test_odd_environments_end_in_a_line_at_most(place, case):
     assert (result.returncode, err.count("\n")) == (code, 1 if line else 0), err
     assert err.startswith(line)
     assert not list(place.rglob(".*partial*"))
+
+
+KEEP = "-all,+dac_override,+dac_read_search"  # What root may read stays readable, for whom no number of processes holds
+NOBODY = f"setpriv --reuid 65534 --clear-groups --inh-caps={KEEP} --ambient-caps={KEEP}"
+ALONE = {
+    "replay": ("replay car.mcap -p quiet.py:Quiet", 3, "out of processes, threads or memory (ulimit -u"),
+    "isolated": ("replay car.mcap -p quiet.py:Quiet --isolate", 2, "exec: "),
+    "workers": ("robust car.mcap -p quiet.py:Quiet --condition dropout.radar", 3, "out of processes, threads"),
+    "verify": ("verify car.mcap -p quiet.py:Quiet --quick", 3, "out of processes, threads or memory (ulimit -u"),
+    "report": ("report run", 3, "run/frames.parquet: can't be read ("),
+}
+
+
+@pytest.mark.slow
+def test_no_other_process_and_no_thread(place):
+    if subprocess.run([*NOBODY.split(), "true"], capture_output=True, check=False).returncode:
+        pytest.skip("this user may not become another one")
+    assert run(place, "fbench replay car.mcap -p quiet.py:Quiet -o run").returncode == 0
+    (place / "place.py").write_text("from fbench.cli import main; main()")
+    with tempfile.TemporaryDirectory() as folder:  # folders of pytest are the user's alone
+        shutil.copytree(place, folder, dirs_exist_ok=True)
+        Path(folder).chmod(0o777)
+        for script, code, line in ALONE.values():
+            out = "" if script.startswith("verify") else "-o out"
+            command = f"{sys.executable} -P place.py {script} {out}"
+            result = run(Path(folder), f"HOME={folder} {NOBODY} bash -c 'ulimit -u 1; exec {command}'")
+            said = [text for text in result.stderr.decode().splitlines() if not text.startswith("<jemalloc>")]
+            assert (result.returncode, len(said)) == (code, 1), said
+            assert said[0].startswith(f"fbench: {line}")
+            assert not (Path(folder) / "out" / "manifest.json").exists()

@@ -123,3 +123,14 @@ def test_tracks_that_are_not_set_are_none():
     empty = to_output(schema.Output(in_2d=schema.Results2D(tracks=schema.Boxes2D())))
     assert isinstance(empty.tracks, Boxes2D)
     assert len(empty.tracks) == 0
+
+
+def test_faults_and_the_clock_of_an_output():
+    faults = [schema.Fault(code="DEC002", where="front at stamp 5"), schema.Fault(code="DEC001", where="")]
+    found = to_output(schema.Output(in_3d=schema.Results3D(), faults=faults, log_clock=True))
+    assert [(fault.code, fault.where) for fault in found.faults] == [("DEC002", "front at stamp 5"), ("DEC001", "")]
+    assert found.clock == "log"
+    plain = to_output(schema.Output(in_3d=schema.Results3D()))
+    assert (plain.faults, plain.clock) == ((), "host")
+    with pytest.raises(DataError, match="faults"):
+        to_output(schema.Output(in_3d=schema.Results3D(), faults=[faults[0]] * 1000))

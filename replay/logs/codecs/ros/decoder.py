@@ -56,8 +56,10 @@ def _decoding_store(encoding: str) -> "Typestore":
     from rosbags.typesys.base import normalize_fieldname
     from rosbags.typesys.store import Typestore
 
-    def refuse(*_: object) -> Any:
+    def _refuse(*_: object) -> Any:
         raise NotImplementedError
+
+    refuse: Any = _refuse
 
     class DecodingStore(Typestore):
         def get_msgdef(self, typename: str) -> Msgdef[object]:

@@ -207,6 +207,8 @@ def test_names_that_are_no_paths(tmp_path, name):
         ),
         (["b.db3"], "a: [b\nc: d", r"can't be parsed .*remove it to read the files as they are"),
         (["b.db3"], "a: 1\na: 2", "can't be parsed .*duplicate key"),
+        (["b.db3"], "a: 1\n---\na: 2", "can't be parsed .*more than one document"),
+        (["b.db3"], "? [a]\n: 2", "can't be parsed .*a list or mapping as a key"),
         (["b.db3"], "a: &x [1]\nb: *x", "line 1: YAML anchors and aliases aren't allowed"),
         (["b.db3"], "[" * 2000, "nested more than 32 deep"),
         (["b.db3"], "a: !!python/object/apply:os.system [ls]", "no list 'relative_file_paths'"),
