@@ -20,10 +20,10 @@ import numpy as np
 from common import write_missing
 from scipy.stats import kendalltau, spearmanr
 
-from fbench.api.suite import run_suite
+from fbench.api.suites.run import RunOptions, run_suite
 from fbench.datasets.city.camera.sky import light_of
 from fbench.datasets.city.recording import CityRecording
-from fbench.datasets.city.request import Scene, experiment_spec
+from fbench.datasets.city.request import CityRequest
 from fbench.datasets.city.rig import thesis_rig
 from fbench.datasets.city.sensors.lidar import power_floor
 from fbench.datasets.city.spec import Condition
@@ -79,7 +79,7 @@ def weather_of(name: str) -> Weather:
 
 def write_log(folder: Path, case: Case, seconds: float) -> Path:
     """Render a case, unless its log is there."""
-    spec = experiment_spec(Scene("urban", "clear"), case.seed, seconds)
+    spec = CityRequest("urban", "clear", seconds, case.seed, sensors=("camera", "lidar", "radar")).spec()
     if case.severity:
         spec = replace(spec, condition=Condition(case.name, weather_of(case.name)))
     out = folder / f"{case.name.replace(':', '-')}-{case.seed}.mcap"
@@ -97,7 +97,7 @@ def score_all(
         )
         for (case, log), pipeline in product(cases.items(), pipelines)
     }  # fmt: skip
-    results = run_suite(list(requests.values()), 1)
+    results = run_suite(list(requests.values()), RunOptions())
     assert all(result.has_run for result in results), [result.reason for result in results if not result.has_run]
     return {key: Run(result.folder) for key, result in zip(requests, results, strict=True)}
 
