@@ -5,13 +5,10 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
-from fbench.api.suites.ablation import Ablation, leave_out_sensors
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.logs import simulate
-from fbench.api.suites.plan import Suite, SuiteCell, read_suite
-from fbench.api.suites.run import RunOptions, run_suite
 from fbench.api.suites.store import fetch_log, put_log
 from fbench.api.suites.tables import CELLS, SCORES, write_tables
 from fbench.datasets.importing.run import claim
@@ -22,8 +19,12 @@ from fbench.replay.data.scores import Results
 if TYPE_CHECKING:
     import pandas as pd
 
+    from fbench.api.suites.ablation import Ablation
+    from fbench.api.suites.plan import Suite, SuiteCell
+    from fbench.api.suites.run import RunOptions
+
 SUITE = "suite.toml"
-Finished = Callable[[SuiteCell, CellResult], None]
+Finished: TypeAlias = "Callable[[SuiteCell, CellResult], None]"
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,8 @@ class OpenSuite:
 class BenchResult:
     """What became of all cells, and what they say."""
 
-    suite: Suite
-    cells: Sequence[tuple[SuiteCell, CellResult]]
+    suite: "Suite"
+    cells: Sequence[tuple["SuiteCell", CellResult]]
     results: Results
 
 
@@ -106,11 +107,16 @@ def run_bench(
     simulated: Callable[[str, int, int], None] = lambda name, done, total: None,
     finished: Finished = lambda cell, result: None,
     waits: Callable[[], None] = lambda: None,
-    watch: Callable[[Sequence[SuiteCell]], AbstractContextManager[None]] = lambda cells: nullcontext(),
+    watch: Callable[[Sequence["SuiteCell"]], AbstractContextManager[None]] = lambda cells: nullcontext(),
 ) -> BenchResult:
     """Run a suite as `bench` does, and return what became of each cell; `watch` is entered with all cells, and left
     when they are done.
     """
+    from fbench.api.suites.ablation import leave_out_sensors
+    from fbench.api.suites.plan import read_suite
+    from fbench.api.suites.results import results_of
+    from fbench.api.suites.run import RunOptions
+
     suite = read_suite(request.suite, request.out)
     make_folder(suite.folder)
     with claim(suite.folder / "bench", waits):
@@ -131,15 +137,15 @@ def run_bench(
         done = list(zip(cells, results, strict=True))
         replace_text(suite.folder / SUITE, suite.content)
         write_tables(suite.folder, done, suite.options.scoring, suite.profiles)
-        from fbench.api.suites.results import results_of
-
         return BenchResult(suite, done, results_of(suite, done, ablations))
 
 
 def run_cells(
-    cells: Sequence[SuiteCell], options: RunOptions, finished: Finished = lambda cell, result: None
+    cells: Sequence["SuiteCell"], options: "RunOptions", finished: "Finished" = lambda cell, result: None
 ) -> list[CellResult]:
     """Run cells as `run_suite` does; `finished` gets each with what became of it."""
+    from fbench.api.suites.run import run_suite
+
     of = {id(cell.request): cell for cell in cells}
     requests = [cell.request for cell in cells]
     return run_suite(requests, options, finished=lambda result: finished(of[id(result.cell)], result))
@@ -153,7 +159,7 @@ def make_folder(folder: Path) -> None:
         raise output_error(folder, error, "; choose another with --out") from error
 
 
-def _publish(suite: Suite, request: BenchRequest) -> dict[str, str]:
+def _publish(suite: "Suite", request: BenchRequest) -> dict[str, str]:
     """Put simulated logs where workers without our disk find them."""
     if not (request.scheduler and request.store):
         return {}
