@@ -49,9 +49,7 @@ def run(
     out: Annotated[
         Path | None, Option("--out", "-o", help="Folder for runs and tables (default: runs/NAME).", show_default=False)
     ] = None,
-    jobs: Annotated[
-        int | None, Option(metavar="N", min=1, max=1024, help="Processes at a time (default: one a core).")
-    ] = None,
+    jobs: options.Jobs = None,
     scheduler: Annotated[
         str, Option(metavar="ADDRESS", help="Dask scheduler whose workers run the cells, such as tcp://host:8786.")
     ] = "",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer import Option
 
+from fbench.cli import options
 from fbench.cli.show import import_progress, replay_progress, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError, output_error
 from fbench.replay.data.scores import format_count
@@ -36,16 +37,14 @@ def demo(
         float | None, Option(metavar="S", help="Length of each log, in s (default: 1.5; with --split: 10).")
     ] = None,
     num_seeds: Annotated[int | None, Option(metavar="N", min=1, help="Only the first N seeds of the split.")] = None,
-    workers: Annotated[
-        int | None, Option(metavar="N", min=1, max=256, help="Parallel replays; results don't depend on it.")
-    ] = None,
+    jobs: options.Jobs = None,
 ) -> None:
     """Simulate drives through a city in all weathers, replay them into all pipelines, and compare.
 
     Logs and runs that exist already aren't made again.
     """
     what = make_experiment(out, split, seconds, num_seeds)
-    raise typer.Exit(run_experiment(what, workers or len(os.sched_getaffinity(0))))
+    raise typer.Exit(run_experiment(what, jobs or len(os.sched_getaffinity(0))))
 
 
 def make_experiment(out: Path, split: "Split | None", seconds: float | None, num_seeds: int | None) -> "Experiment":
@@ -79,7 +78,7 @@ def make_experiment(out: Path, split: "Split | None", seconds: float | None, num
     return Experiment(tuple(drives), tuple(p.base for p in suite.pipelines), out, command, content=content)
 
 
-def run_experiment(what: "Experiment", num_workers: int) -> int:
+def run_experiment(what: "Experiment", num_jobs: int) -> int:
     """Simulate, replay and score what isn't there; print and write the results; return the exit code. Raises
     ConfigError where the folder can't be written.
     """
@@ -105,7 +104,7 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
             say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
             cells = what.cells()
             with replay_progress("replays") as progress_of_replays:
-                found = run_suite([cell for _, cell in cells], RunOptions(num_workers), progress_of_replays)
+                found = run_suite([cell for _, cell in cells], RunOptions(num_jobs), progress_of_replays)
             of = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
             total = f"{of['there'] + of['replayed']} of {len(found) - of['unfit']}"
             say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")

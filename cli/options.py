@@ -77,6 +77,10 @@ NoMedia = Annotated[bool, Option("--no-media", help="Keep images and points out 
 Redact = Annotated[
     bool, Option("--redact", help="Also leave out log and file names, paths, poses, and the places of faults.")
 ]
+Jobs = Annotated[
+    int | None,
+    Option(metavar="N", min=1, max=1024, help="Processes at a time (default: one a core); results don't depend on it."),
+]
 Iou = Annotated[float, Option(metavar="SHARE", min=0, max=1, help="2D match: minimum overlap (IoU).")]
 Config = Annotated[
     str | None,

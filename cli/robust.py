@@ -56,9 +56,7 @@ def robust(
     distance_m: options.DistanceM = 2.0,
     iou: options.Iou = 0.5,
     out: Annotated[Path, Option("--out", "-o", help="Folder for runs, tables and the report.")] = Path("runs/robust"),
-    workers: Annotated[
-        int | None, Option(metavar="N", min=1, max=256, help="Parallel replays; results don't depend on it.")
-    ] = None,
+    jobs: options.Jobs = None,
     json: options.Json = False,
 ) -> None:
     """Replay logs under conditions, and print what each costs each pipeline.
@@ -90,7 +88,7 @@ def robust(
         requests, wanted, parse_severities(severity), out, _command(logs, names, chosen, asked, severity, seed),
         baseline or (names[0] if len(set(names)) > 1 else None), asked,
     )  # fmt: skip
-    raise typer.Exit(_run(what, workers or len(os.sched_getaffinity(0)), json))
+    raise typer.Exit(_run(what, jobs or len(os.sched_getaffinity(0)), json))
 
 
 def _command(
@@ -102,7 +100,7 @@ def _command(
     return " ".join([*words, f"--severity {severity}", f"--seed {seed}"])
 
 
-def _run(what: "RobustSuite", num_workers: int, json: bool) -> int:
+def _run(what: "RobustSuite", num_jobs: int, json: bool) -> int:
     """Replay what isn't there, print and write the results, and return the exit code."""
     from fbench.api.robust import is_lossy, results_of
     from fbench.api.suites.run import RunOptions, run_suite
@@ -116,7 +114,7 @@ def _run(what: "RobustSuite", num_workers: int, json: bool) -> int:
     try:
         with claim(what.folder / "robust", lambda: say("waiting for another fbench robust in this folder")):
             with replay_progress("replays") as progress:
-                found = run_suite([cell.request for cell in cells], RunOptions(num_workers), progress)
+                found = run_suite([cell.request for cell in cells], RunOptions(num_jobs), progress)
             done = list(zip(cells, found, strict=True))
             results = results_of(what, done)
             paths = _write(what, results, done)

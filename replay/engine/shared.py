@@ -15,9 +15,8 @@ import numpy as np
 from fbench.replay.conditions.disturb import Disturbance, DisturbedReader, Event
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
-from fbench.replay.contracts.protocols import Reader
-from fbench.replay.data.messages import Image, Truth
-from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.contracts.protocols import Reader, ReaderWrapper
+from fbench.replay.data.messages import Image
 from fbench.replay.engine.read_ahead import open_ahead
 
 Key: TypeAlias = tuple[object, ...]
@@ -150,9 +149,10 @@ class SharedLogs:
         self._key = None
 
 
-class SharedReader:
-    """A log whose messages, disturbed as asked, may have been read by an earlier replay; implements
-    `fbench.replay.contracts.protocols.Reader`. Raises ConfigError and LogError as `Disturbance.require_fits` does.
+class SharedReader(ReaderWrapper):
+    """A log whose messages, disturbed as asked, may have been read by an earlier replay.
+
+    Raises ConfigError and LogError as `Disturbance.require_fits` does.
     """
 
     def __init__(
@@ -161,32 +161,9 @@ class SharedReader:
     ) -> None:  # fmt: skip
         self.key, self.open_log, self.disturbance, self.limit = key, open_log, disturbance, limit
         self.faults, self.effects = faults, effects
-        self._logs, self._reader = logs, open_log(faults)
-        disturbance.require_fits(self._reader.rig)
-
-    @property
-    def info(self) -> LogInfo:
-        """Name, id and metadata."""
-        return self._reader.info
-
-    @property
-    def rig(self) -> Rig:
-        """Sensors as the log begins."""
-        return self._reader.rig
-
-    @property
-    def num_messages(self) -> Mapping[str, int]:
-        """As recorded."""
-        return self._reader.num_messages
-
-    @property
-    def poses(self) -> tuple[str, ...]:
-        """Names of the streams of poses."""
-        return self._reader.poses
-
-    def truths(self) -> Iterator[Truth]:
-        """Ground truth."""
-        return self._reader.truths()
+        self._logs = logs
+        super().__init__(open_log(faults))
+        disturbance.require_fits(self.rig)
 
     def messages(self) -> Iterator[Event]:
         """All messages as they are delivered."""

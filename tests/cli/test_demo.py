@@ -100,7 +100,7 @@ def test_pipelines_are_those_that_need_nothing_beside_the_log():
         (("--seconds", "0.01"), "--seconds 0.01"),
         (("--seconds", "0"), "--seconds 0"),
         (("--split", "train"), "train"),
-        (("--workers", "0"), "--workers"),
+        (("--jobs", "0"), "--jobs"),
         (("-o", "taken"), "taken: can't be written"),
     ],
 )

@@ -35,7 +35,7 @@ def value(rows, name, column):
 
 @pytest.mark.slow
 def test_the_matrix_is_that_of_single_replays_and_comes_back(fbench, city):
-    result = fbench("robust", city, "-p", "lidar3d,radar3d", *CELLS, "-o", "suite", "--workers", 2, "--json")
+    result = fbench("robust", city, "-p", "lidar3d,radar3d", *CELLS, "-o", "suite", "--jobs", 2, "--json")
     assert (result.code, result.err) == (0, "")
     content = result.json()
     assert [(row["pipeline"], row["condition"], row["severity"]) for row in content["runs"]] == [
@@ -51,10 +51,10 @@ def test_the_matrix_is_that_of_single_replays_and_comes_back(fbench, city):
     assert value(content["tables"]["robustness_f1_change"], "delay.lidar:3", "radar3d") == 0
 
     before = kept(Path("suite"))
-    again = fbench("robust", city, "-p", "lidar3d,radar3d", *CELLS, "-o", "suite", "--workers", 1)
+    again = fbench("robust", city, "-p", "lidar3d,radar3d", *CELLS, "-o", "suite", "--jobs", 1)
     assert "runs: 8 of 8 (0 replayed, 8 there already)" in again.out
     assert kept(Path("suite")) == before
-    other = fbench("robust", city, "-p", "lidar3d,radar3d", *CELLS, "--seed", 1, "-o", "suite", "--workers", 2)
+    other = fbench("robust", city, "-p", "lidar3d,radar3d", *CELLS, "--seed", 1, "-o", "suite", "--jobs", 2)
     assert "(8 replayed, 0 there already)" in other.out
 
 

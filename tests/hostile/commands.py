@@ -60,7 +60,7 @@ def _fbench(*args: str) -> Callable[[], None]:
 
 def _demo() -> None:
     demo.make_experiment = lambda *_: small(Path("out"), "lidar3d", conditions=("clear",))  # in this process alone
-    _fbench("demo", "-o", "out", "--workers", "1")()
+    _fbench("demo", "-o", "out", "--jobs", "1")()
 
 
 def _bench() -> int:
