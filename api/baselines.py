@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fbench.api.gates import Entry, open_side
+from fbench.api.sides import Entry, open_results
 from fbench.metrics.comparison.cells import CellName, CellSide, Stretches
 from fbench.replay.contracts.errors import ConfigError, RunError, first_wrong
 from fbench.replay.data.files import replace_text
@@ -90,7 +90,7 @@ def accept(source: Path, reason: str, out: Path, by: str | None = None, at: str 
             f"{'who accepts it' if not by else 'when'}? git doesn't know; give --{'by' if not by else 'at'}"
         )
     acceptance = Acceptance(by=without_secrets(by), at=at, reason=without_secrets(reason.strip()))
-    cells = [_keep(name, cell) for name, cell in open_side(source).cells.items() if isinstance(cell, CellSide)]
+    cells = [_keep(name, cell) for name, cell in open_results(source).cells.items() if isinstance(cell, CellSide)]
     if not cells:
         raise ConfigError(f"{source}: no cell has a run, so there is nothing to accept")
     before = _read(out).accepted if out.is_file() else None
