@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from fbench.api.suites.cells import CellResult
+from fbench.api.suites.cells import CELLS, SCORES, CellResult
 from fbench.api.suites.logs import simulate
 from fbench.api.suites.store import fetch_log, put_log
-from fbench.api.suites.tables import CELLS, SCORES, write_tables
+from fbench.api.suites.tables import write_tables
 from fbench.datasets.importing.run import claim
 from fbench.replay.contracts.errors import RunError, output_error
 from fbench.replay.data.files import replace_text
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from fbench.api.suites.ablation import Ablation
     from fbench.api.suites.plan import Suite, SuiteCell
-    from fbench.api.suites.run import RunOptions
+    from fbench.api.suites.runner import RunOptions
 
 SUITE = "suite.toml"
 Finished: TypeAlias = "Callable[[SuiteCell, CellResult], None]"
@@ -115,7 +115,7 @@ def run_bench(
     from fbench.api.suites.ablation import leave_out_sensors
     from fbench.api.suites.plan import read_suite
     from fbench.api.suites.results import results_of
-    from fbench.api.suites.run import RunOptions
+    from fbench.api.suites.runner import RunOptions
 
     suite = read_suite(request.suite, request.out)
     make_folder(suite.folder)

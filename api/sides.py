@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from fbench.api.scores import open_folder
-from fbench.api.suites.tables import CELLS
+from fbench.api.suites.cells import CELLS
 from fbench.metrics.comparison.cells import CLEAR, CellName, CellPair, CellSide
 from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.runs.folder import Run

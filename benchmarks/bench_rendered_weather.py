@@ -20,7 +20,8 @@ import numpy as np
 from common import write_missing
 from scipy.stats import kendalltau, spearmanr
 
-from fbench.api.suites.run import RunOptions, run_suite
+from fbench.api.suites.run import run_suite
+from fbench.api.suites.runner import RunOptions
 from fbench.datasets.city.camera.sky import light_of
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.request import CityRequest

@@ -21,7 +21,8 @@ from pathlib import Path
 
 from fbench.api.runs import replay
 from fbench.api.suites.cells import RESPONSE, Response, folder_of
-from fbench.api.suites.run import RunOptions, run_suite
+from fbench.api.suites.run import run_suite
+from fbench.api.suites.runner import RunOptions
 from fbench.replay.engine.shared import SharedLogs
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest

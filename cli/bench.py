@@ -176,7 +176,7 @@ def _content(result: "BenchResult") -> dict[str, object]:
 
 def _write(result: "BenchResult") -> list[Path]:
     from fbench.api.bench import SUITE
-    from fbench.api.suites.tables import CELLS, SCORES
+    from fbench.api.suites.cells import CELLS, SCORES
     from fbench.replay.data.files import replace_text
     from fbench.reports.markdown import markdown
 

@@ -83,7 +83,8 @@ def run_experiment(what: "Experiment", num_jobs: int) -> int:
     ConfigError where the folder can't be written.
     """
     from fbench.api.suites.logs import simulate
-    from fbench.api.suites.run import RunOptions, run_suite
+    from fbench.api.suites.run import run_suite
+    from fbench.api.suites.runner import RunOptions
     from fbench.cli.experiment import is_lossy, results_of
     from fbench.datasets.importing.run import claim
 

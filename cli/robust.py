@@ -103,7 +103,8 @@ def _command(
 def _run(what: "RobustSuite", num_jobs: int, json: bool) -> int:
     """Replay what isn't there, print and write the results, and return the exit code."""
     from fbench.api.robust import is_lossy, results_of
-    from fbench.api.suites.run import RunOptions, run_suite
+    from fbench.api.suites.run import run_suite
+    from fbench.api.suites.runner import RunOptions
     from fbench.datasets.importing.run import claim
 
     cells = list(what.cells())

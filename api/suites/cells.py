@@ -72,6 +72,7 @@ class CellResult:
         return self.state in ("replayed", "there")
 
 
+CELLS, SCORES = "cells.parquet", "scores.parquet"  # Tables in a suite's folder
 RUN_SEAL = "cell.json"  # In a run folder; holds what the run was made from, too
 
 

@@ -14,7 +14,7 @@ from typing import Any, Self
 from fbench.api.suites.cells import RUN_SEAL, CellResult, State, folder_of
 from fbench.api.suites.contents import digest_code
 from fbench.api.suites.process import Worker
-from fbench.api.suites.run import CellRunner, RunOptions, group_of, shared_bytes
+from fbench.api.suites.runner import CellRunner, RunOptions, group_of, shared_bytes
 from fbench.api.suites.store import ResultStore
 from fbench.replay.contracts.errors import ConfigError, FbenchError, MissingPackageError, OutputError, one_line
 from fbench.replay.contracts.plugins import absolute_name

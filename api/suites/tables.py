@@ -8,14 +8,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fbench.api.scores import ScoreRequest, score
-from fbench.api.suites.cells import CellResult
+from fbench.api.suites.cells import CELLS, SCORES, CellResult
 from fbench.api.suites.plan import SuiteCell
 from fbench.replay.contracts.errors import FbenchError, output_error
 from fbench.replay.data.files import Draft
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
 
-CELLS, SCORES = "cells.parquet", "scores.parquet"
 _OF_CELL = [(name, pa.string()) for name in ("log", "pipeline", "condition", "rate")] + [("seed", pa.int64())]
 CELL_SCHEMA = pa.schema([*_OF_CELL, *((name, pa.string()) for name in ("state", "reason", "key", "run"))])
 SCORE_SCHEMA = pa.schema([

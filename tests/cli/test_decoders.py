@@ -8,7 +8,8 @@ import pytest
 from mcap.writer import Writer
 
 from fbench.api import LogRequest, ReplayRequest, replay
-from fbench.api.suites.run import RunOptions, run_suite
+from fbench.api.suites.run import run_suite
+from fbench.api.suites.runner import RunOptions
 from fbench.replay.contracts import plugins
 
 DECODER = '''

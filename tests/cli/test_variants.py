@@ -7,7 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from fbench.api.suites.logs import Drive
-from fbench.api.suites.run import RunOptions, run_suite
+from fbench.api.suites.run import run_suite
+from fbench.api.suites.runner import RunOptions
 from fbench.cli.experiment import Experiment
 from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.setup.request import ReplayRequest

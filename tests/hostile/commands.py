@@ -19,7 +19,8 @@ from tests.cli.test_demo import small
 from tests.datasets.kitti.conftest import write_tracking
 from tests.kept_cities import shared_cities
 
-from fbench.api.suites.run import RunOptions, run_suite
+from fbench.api.suites.run import run_suite
+from fbench.api.suites.runner import RunOptions
 from fbench.cli import demo, main
 from fbench.replay.contracts.errors import EXIT_DATA, FbenchError
 from fbench.replay.setup.request import ReplayRequest

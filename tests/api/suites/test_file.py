@@ -7,7 +7,7 @@ import pytest
 
 from fbench.api.suites.file import SuiteText, find_line
 from fbench.api.suites.plan import make_suite, read_suite
-from fbench.api.suites.run import group_of
+from fbench.api.suites.runner import group_of
 from fbench.replay.contracts.errors import ConfigError
 
 GOOD = """

@@ -16,7 +16,8 @@ from tests.cli.conftest import messages, rig, truths, write_log
 from fbench.api.scores import score_folder
 from fbench.api.suites.cells import folder_of, seal_run
 from fbench.api.suites.contents import Contents
-from fbench.api.suites.run import RunOptions, run_suite
+from fbench.api.suites.run import run_suite
+from fbench.api.suites.runner import RunOptions
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import ScoreOptions
@@ -244,7 +245,7 @@ def test_a_run_that_cannot_be_sealed_fails_alone(log, monkeypatch):
 
     cells = [cell(log, "mine.py:Mine", folder=Path("runs") / name) for name in ("full", "other")]
     with monkeypatch.context() as patch:
-        patch.setattr("fbench.api.suites.run.seal_run", seal)
+        patch.setattr("fbench.api.suites.runner.seal_run", seal)
         full, other = run_suite(cells, RunOptions(1))
     assert (full.state, full.reason) == ("failed", "runs/full: can't be made (No space left on device)")
     assert other.state == "replayed"
@@ -301,7 +302,8 @@ import sys
 from pathlib import Path
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 from fbench.replay.setup.request import ReplayRequest
-from fbench.api.suites.run import RunOptions, run_suite
+from fbench.api.suites.run import run_suite
+from fbench.api.suites.runner import RunOptions
 
 log = LogRequest(Path(sys.argv[1]), config=NO_CONFIG)
 names = ("mine.py:Mine", "mine.py:Slow", "mine.py:Broken")
