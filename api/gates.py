@@ -1,6 +1,5 @@
 """Gates: runs, suites and baselines compared by a policy, which says what must not become worse."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from fbench.replay.contracts.errors import ConfigError, MetricError, wrong_key
 from fbench.replay.contracts.variants import read_config
 from fbench.replay.data.comparison import Comparison, ObjectChange, Row, State, WorstFrame
 from fbench.replay.data.scores import format_count
-from fbench.replay.formats.documents import TomlError, parse_toml
+from fbench.replay.formats.documents import TomlError, find_line, parse_toml
 
 _MOST_OBJECTS = 100
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -104,25 +103,9 @@ def load_policy(path: Path) -> Policy:
     except TomlError as error:
         raise ConfigError(f"{path}: not TOML: {error}", "CFG003") from error
     except ValidationError as error:
-        line = _line_of(data.decode("utf-8", "replace"), error.errors(include_url=False)[0]["loc"])
+        line = find_line(data.decode("utf-8", "replace"), error.errors(include_url=False)[0]["loc"])
         why = wrong_key(error, lambda keys: Policy if len(keys) == 1 else _TABLES.get(keys[0], Policy))
         raise ConfigError(f"{path}:{line}: {why}", "CFG003") from error
-
-
-def _line_of(text: str, place: Sequence[str | int]) -> int:
-    """Return the line, from 1 on, of a key of a TOML text, or of the table that it is missing from."""
-    table, key = [p for p in place[:-1] if isinstance(p, str)], str(place[-1])
-    number = next((p for p in place if isinstance(p, int)), 0)
-    head, seen, found = [], -1, 1
-    for count, line in enumerate(text.splitlines(), 1):
-        if header := re.match(r"\s*\[{1,2}\s*([\w.\-\"']+)\s*\]{1,2}", line):
-            head = [part.strip("\"'") for part in header[1].split(".")]
-            seen += head == table
-            found = count if head == table and seen == number else found
-        inside = head == table and (seen == number or not table)
-        if inside and re.match(rf"\s*[\"']?{re.escape(key)}[\"']?\s*[.=]", line):
-            return count
-    return found
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any, Self
 from fbench.api.suites.cells import RUN_SEAL, CellResult, State, folder_of
 from fbench.api.suites.contents import digest_code
 from fbench.api.suites.process import Worker
-from fbench.api.suites.runner import CellRunner, RunOptions, group_of, shared_bytes
+from fbench.api.suites.runner import CellRunner, RunOptions, group_of, share_memory
 from fbench.api.suites.store import ResultStore
 from fbench.replay.contracts.errors import ConfigError, FbenchError, MissingPackageError, OutputError, one_line
 from fbench.replay.contracts.plugins import absolute_name
@@ -46,7 +46,7 @@ class CellPlugin(WorkerPlugin):  # type: ignore[misc]  # distributed isn't looke
         """Get ready, when the worker starts or first meets this suite."""
         self._lock = Lock()
         self._runner = CellRunner(self._options)
-        self._share = shared_bytes(max(1, worker.state.nthreads))
+        self._share = share_memory(max(1, worker.state.nthreads))
         self._idle: list[Worker] = []
         self._where = f"{worker.name} on {worker.address}"
 

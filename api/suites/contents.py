@@ -1,4 +1,4 @@
-"""What decides a cell's run, and the key that is made of it."""
+"""Content of a cell: all that decides its run, and the key that is made of it."""
 
 import inspect
 import json

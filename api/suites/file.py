@@ -1,7 +1,5 @@
 """Suite files: what they may hold, and in which line something is wrong."""
 
-import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -9,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.contracts.variants import read_config
-from fbench.replay.formats.documents import TomlError, parse_toml
+from fbench.replay.formats.documents import TomlError, find_line, parse_toml
 
 Place: TypeAlias = tuple[str | int, ...]
 Text = Annotated[str, Field(min_length=1, max_length=1000)]
@@ -171,33 +169,3 @@ def _real(place: Place, tables: object) -> Place:
 
 def _is_name(part: str | int) -> bool:
     return isinstance(part, str) and part.isidentifier() and part not in ("str", "int", "LogTable", "PipelineTable")
-
-
-_TABLE = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
-_KEY = re.compile(r"\s*([\w.\-\"' ]+?)\s*=")
-
-
-def find_line(content: str, place: Sequence[str | int]) -> int:
-    """Return the line of a TOML file in which a key stands, else that of the innermost table or list around it, else
-    the first. Numbers in `place` are indices of lists. TOML's reader in Python doesn't know lines.
-    """
-    best, best_len, table = 1, 0, list[str | int]()
-    counts: dict[tuple[str | int, ...], int] = {}
-    for number, line in enumerate(content.splitlines(), 1):
-        if found := _TABLE.match(line):
-            table = list(_split(found[2]))
-            if found[1] == "[[":
-                at = counts[tuple(table)] = counts.get(tuple(table), -1) + 1
-                table.append(at)
-            here = table
-        elif found := _KEY.match(line):
-            here = [*table, *_split(found[1])]
-        else:
-            continue
-        if best_len < len(here) <= len(place) and list(place[: len(here)]) == here:
-            best, best_len = number, len(here)
-    return best
-
-
-def _split(key: str) -> list[str]:
-    return [a or b or c for a, b, c in re.findall(r"\"([^\"]*)\"|'([^']*)'|([\w-]+)", key)]

@@ -182,7 +182,8 @@ def _logs(text: SuiteText, beside: Path, out: Path) -> Iterator[SuiteLog]:
         table = LogTable(path=entry) if isinstance(entry, str) else entry
         if (table.path is None) == (table.simulate is None):
             raise text.error(place, "expected either path or simulate")
-        found = _recorded(text, place, table, beside) if table.path is not None else _simulated(text, place, table, out)
+        is_recorded = table.path is not None
+        found = _open_recorded(text, place, table, beside) if is_recorded else _plan_simulated(text, place, table, out)
         for log in found:
             if not _NAME.fullmatch(log.name):
                 what = "expected letters, digits and '_.+-' between them, as it names a folder"
@@ -197,7 +198,7 @@ def _logs(text: SuiteText, beside: Path, out: Path) -> Iterator[SuiteLog]:
             yield log
 
 
-def _recorded(text: SuiteText, place: Place, table: LogTable, beside: Path) -> Iterator[SuiteLog]:
+def _open_recorded(text: SuiteText, place: Place, table: LogTable, beside: Path) -> Iterator[SuiteLog]:
     given = table.path or ""
     for key in ("condition", "seconds", "seed", "sensors", "set"):
         if key in table.model_fields_set:
@@ -226,13 +227,13 @@ def _recorded(text: SuiteText, place: Place, table: LogTable, beside: Path) -> I
         yield SuiteLog(name, request, url)
 
 
-def _simulated(text: SuiteText, place: Place, table: LogTable, out: Path) -> Iterator[SuiteLog]:
+def _plan_simulated(text: SuiteText, place: Place, table: LogTable, out: Path) -> Iterator[SuiteLog]:
     from fbench.datasets.city.request import CityRequest
 
     for key in ("config", "truth", "truth_format", "rig"):
         if key in table.model_fields_set:
             raise text.error((*place, key), "is for a recorded log")
-    every = list(product(_listed(table.simulate or ""), _listed(table.seed), _listed(table.condition)))
+    every = list(product(_as_list(table.simulate or ""), _as_list(table.seed), _as_list(table.condition)))
     if table.name is not None and len(every) > 1:
         raise text.error((*place, "name"), f"{len(every)} logs can't all have one name")
     for world, seed, condition in every:
@@ -246,7 +247,7 @@ def _simulated(text: SuiteText, place: Place, table: LogTable, out: Path) -> Ite
         )
 
 
-def _listed(value: T | list[T]) -> list[T]:
+def _as_list(value: T | list[T]) -> list[T]:
     return value if isinstance(value, list) else [value]
 
 

@@ -1,4 +1,4 @@
-"""What a suite says: F1 by pipeline and condition, and what single sensors are worth."""
+"""Tables of a suite: F1 by pipeline and condition, and what single sensors are worth."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -12,7 +12,7 @@ from typing import Protocol, Self
 
 from fbench.api.suites.cells import CellResult, Response, folder_of, is_sealed_run
 from fbench.api.suites.process import Worker
-from fbench.api.suites.runner import CellRunner, RunOptions, group_of, shared_bytes
+from fbench.api.suites.runner import CellRunner, RunOptions, group_of, share_memory
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.setup.request import ReplayRequest
 
@@ -78,7 +78,7 @@ class _Processes:
 
     def __init__(self, options: RunOptions) -> None:
         self._runner = CellRunner(options)
-        share = shared_bytes(options.jobs)
+        share = share_memory(options.jobs)
         self._workers = [Worker(options.module, share) for _ in range(options.jobs)]
         self._pool = ThreadPoolExecutor(options.jobs)
         self._queue = _Queue(())

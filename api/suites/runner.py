@@ -94,7 +94,7 @@ class CellRunner:
         return replace(cell, log=replace(cell.log, path=self._fetched[url]))
 
 
-def shared_bytes(jobs: int) -> int:
+def share_memory(jobs: int) -> int:
     """Return how much memory each of some processes may take for messages that its next cells need, too."""
     whole = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     return min(_MOST_SHARED, whole // _SHARE_OF_MEMORY // jobs)

@@ -1,4 +1,4 @@
-"""What changed between two runs, object by object, and where their outputs differ first."""
+"""Changes between two runs, object by object, and where their outputs differ first."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

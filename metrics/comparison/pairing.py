@@ -1,4 +1,4 @@
-"""Which runs may be compared, and what else differs between them."""
+"""Pairs of runs that may be compared, and what else differs between them."""
 
 from collections.abc import Mapping
 

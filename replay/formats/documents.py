@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -139,6 +140,36 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         raise TomlError("nested too deeply") from None
     except ValueError as error:  # also whole numbers of thousands of digits
         raise TomlError(str(error).splitlines()[0]) from error
+
+
+_TABLE = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
+_KEY = re.compile(r"\s*([\w.\-\"' ]+?)\s*=")
+
+
+def find_line(content: str, place: Sequence[str | int]) -> int:
+    """Return the line of a TOML file in which a key stands, else that of the innermost table or list around it, else
+    the first. Numbers in `place` are indices of lists. TOML's reader in Python doesn't know lines.
+    """
+    best, best_len, table = 1, 0, list[str | int]()
+    counts: dict[tuple[str | int, ...], int] = {}
+    for number, line in enumerate(content.splitlines(), 1):
+        if found := _TABLE.match(line):
+            table = list(_split_key(found[2]))
+            if found[1] == "[[":
+                at = counts[tuple(table)] = counts.get(tuple(table), -1) + 1
+                table.append(at)
+            here = table
+        elif found := _KEY.match(line):
+            here = [*table, *_split_key(found[1])]
+        else:
+            continue
+        if best_len < len(here) <= len(place) and list(place[: len(here)]) == here:
+            best, best_len = number, len(here)
+    return best
+
+
+def _split_key(key: str) -> list[str]:
+    return [a or b or c for a, b, c in re.findall(r"\"([^\"]*)\"|'([^']*)'|([\w-]+)", key)]
 
 
 class YamlFileError(Exception):

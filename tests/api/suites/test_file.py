@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from fbench.api.suites.file import SuiteText, find_line
+from fbench.api.suites.file import SuiteText
 from fbench.api.suites.plan import make_suite, read_suite
 from fbench.api.suites.runner import group_of
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.formats.documents import find_line
 
 GOOD = """
 version = 1
