@@ -71,7 +71,7 @@ def test_scores_beat_the_sketch_and_fusion_beats_its_inputs(runs):
     scores = {name: f1(run) for name, run in runs.items()}
     for name, sketch in SKETCH_F1.items():
         assert scores[name] > sketch, scores
-    assert scores["late3d"] > max(scores["lidar3d"], scores["radar3d"]) + 0.02, scores
+    assert scores["late3d"] > max(scores["lidar3d"], scores["radar3d"]) + 0.03, scores
 
 
 @pytest.mark.parametrize("pipeline", LEAST_F1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.fusion.kernels import inside_boxes
-from fbench.pipelines.fusion.sizes import LOW_TRUCK_M, SIZES
+from fbench.pipelines.fusion.sizes import LONG_M, LONGEST_M, LOW_TRUCK_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import center_offsets
@@ -151,6 +151,8 @@ def _lift(
     if label in ("truck", "bus") and tall < LOW_TRUCK_M:
         length, width = SIZES["van"].lwh_m[:2]
     wide = (right - left) * depth / model.K[0, 0]
+    if length > LONG_M:
+        length = min(max(length, wide), LONGEST_M)
     hidden = max(0.0, length - wide) / 2 if wide > _SIDE_MARGIN * width else 0.0
     # A rectangle turned by the aspect a against the line of sight looks l sin(a) + w cos(a) wide. What looks about as
     # wide as it is long is taken to be seen from its side.

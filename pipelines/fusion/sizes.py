@@ -27,6 +27,7 @@ class ObjectSize(NamedTuple):
 LONG_CAR_M, LONG_M, HIGH_VAN_M = 5.6, 7.0, 1.95
 """Objects that no camera labels are called trucks where they are longer than `LONG_M`, else cars; late fusion in 3D
 calls those vans that are longer than `LONG_CAR_M` and higher than `HIGH_VAN_M`."""
+LONGEST_M = 18.75  # Of a vehicle on the roads of the EU (Directive 96/53/EC, Annex I, 1.1) [m]
 LOW_TRUCK_M = 2.5  # A truck or bus that turns out lower than this [m] is a van
 
 SIZES = {

@@ -7,7 +7,7 @@ import numpy as np
 from fbench.pipelines.fusion import observations
 from fbench.pipelines.fusion.kernels import agglomerate
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE, AssociationParams, CameraObservation, Clusters, Overlap
-from fbench.replay.data.arrays import Float64
+from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.transforms import wrap_angle
@@ -17,6 +17,7 @@ FEWEST = 3  # With fewer points of a cluster in its box a camera and the cluster
 _LEAST_SHARE = 0.05
 _TAILS = 3.0
 _SHAPELESS, _SHAPELY = 0.5, 10.0
+_UNLIKE = float(np.log(_SHAPELESS))
 _LOOKS_WHOLE = 0.3
 
 
@@ -97,7 +98,12 @@ def _camera_ratios(
         echoes = observations.measure_overlap(rig, camera, radar, beside)
         share[rows] = np.column_stack([points.num_inside, echoes.num_inside]) / np.maximum(total, 1)
         by_lidar = _near_side_ratios(own, points, params.lidar_std_m, 0.0, params.lidar_area_m2, params)
-        ratio[rows, :num_lidar] = by_lidar + _shape_ratios(lidar)
+        # Most points where the camera sees something are of that.
+        fitting = np.where(by_lidar > 0, points.num_inside, 1.0)
+        by_lidar += np.log(
+            np.clip(points.num_inside / fitting.max(axis=1, keepdims=True, initial=1.0), _LEAST_SHARE, 1)
+        )
+        ratio[rows, :num_lidar] = by_lidar + np.where(_are_of_one_kind(own, lidar), _shape_ratios(lidar), _UNLIKE)
         ratio[rows, num_lidar:] = _near_side_ratios(
             own, echoes, params.radar_std_m, params.radar_bearing_std_rad, params.radar_area_m2, params
         )
@@ -134,6 +140,17 @@ def _near_side_ratios(
 def _shape_ratios(lidar: Clusters) -> Float64:
     """What shapes (K,) add to ratios of LiDAR clusters: few other things look like road users, which don't all do."""
     return np.asarray(np.log(_SHAPELESS + _SHAPELY * np.clip(lidar.score, 0.0, 1.0)), np.float64)
+
+
+def _are_of_one_kind(seen: list[CameraObservation], lidar: Clusters) -> Bool:
+    """Whether labels (S, K) of what a camera sees and of clusters are both of vehicles, or both of others; true where
+    LiDAR gives none. A pedestrian's shape in front of a bus says nothing of the bus.
+    """
+    is_vehicle = np.array([s.label in VEHICLES for s in seen])[:, None]
+    if lidar.boxes.label is None:
+        return np.ones((len(seen), len(lidar.boxes)), np.bool_)
+    labels = lidar.boxes.label
+    return np.asarray((is_vehicle == np.isin(labels, list(VEHICLES))) | (labels == ""), np.bool_)
 
 
 def _cluster_ratios(lidar: Clusters, radar: Clusters, eye_m: Float64, params: AssociationParams) -> Float64:

@@ -86,7 +86,8 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
     size, yaw = _size_and_yaw(shape, cameras, radar_box)
     if radar_box is not None:
         # Only LiDAR's class says how long it is: what cameras call a truck may be a van.
-        is_known = group.lidar >= 0 and label == _lidar_label(seen.lidar, group.lidar)
+        own = _lidar_label(seen.lidar, group.lidar) if group.lidar >= 0 else ""
+        is_known = bool(own) and (label == own or min(SIZES[name].length_m for name in (label, own)) > LONG_M)
         estimates.append(_radar_estimate(radar_box, size if is_known else radar_box.size_lwh_m[0], yaw, params))
     total = sum((weight for _, weight in estimates), np.zeros((2, 2)))
     x, y = sum((weight[:, 0] * xy[0] + weight[:, 1] * xy[1] for xy, weight in estimates), np.zeros(2))
@@ -144,7 +145,8 @@ def _lidar_shape(group: Association, seen: Observations, cameras: list[CameraObs
         typical = SIZES[label or "car"]
         xy = np.ascontiguousarray(points[:: 1 + len(points) // _ENOUGH, :2])
         rectangle = fit_rectangles(xy, np.array([0, len(xy)]), HEADINGS_RAD, NEAR_M)
-        whole = complete(rectangle, seen.lidar_eye_m, VehicleSize(*typical.lwh_m))
+        length = max([typical.length_m, *(float(s.size_lwh_m[0]) for s in cameras if s.label == label)])
+        whole = complete(rectangle, seen.lidar_eye_m, VehicleSize(length, typical.width_m, typical.height_m))
         high = max(float(box.size_lwh_m[0, 2]), typical.height_m) if typical.height_spread > 0.3 else typical.height_m
         center, size, yaw = whole.center_m[0], np.array([*whole.size_lw_m[0], high]), float(whole.yaw_rad[0])
     seen_m = np.zeros(2)
