@@ -3,11 +3,14 @@
     python benchmarks/bench_rendered_weather.py FOLDER [--seeds 101,102] [--seconds 2] [--severities 1,3,5]
     python benchmarks/bench_rendered_weather.py FOLDER --weights FILE.onnx
     python benchmarks/bench_rendered_weather.py FOLDER --stereo
+    python benchmarks/bench_rendered_weather.py FOLDER --no-lamps [--weights FILE.onnx]
     python benchmarks/bench_rendered_weather.py FOLDER --causes
 
 FOLDER keeps logs and runs, so that the same command continues. Both logs of a pair show one scene in one state of the
 air and the light: that which `fog:3` names. Prints tables in Markdown. With `--weights`, camera2d with that detector is
-scored alone; with `--stereo`, stereo3d on logs of the stereo pair and the LiDAR; with `--causes`, injected images are changed step by step until they are like the rendered ones.
+scored alone; with `--stereo`, stereo3d on logs of the stereo pair and the LiDAR; with `--no-lamps`, camera2d in nights
+in which nothing shines but the sky; with `--causes`, injected images are changed step by step until they are like the
+rendered ones.
 """
 
 import argparse
@@ -23,6 +26,7 @@ from scipy.stats import kendalltau, spearmanr
 
 from fbench.api.suites.run import run_suite
 from fbench.api.suites.runner import RunOptions
+from fbench.datasets.city.camera import picture
 from fbench.datasets.city.camera.sky import light_of
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.request import CityRequest
@@ -250,22 +254,29 @@ def main() -> None:
     parser.add_argument("--severities", default="1,3,5")
     parser.add_argument("--weights", type=Path)
     parser.add_argument("--stereo", action="store_true")
+    parser.add_argument("--no-lamps", action="store_true")
     parser.add_argument("--causes", action="store_true")
     args = parser.parse_args()
-    folder, sensors, pipelines = args.folder, ("camera", "lidar", "radar"), PIPELINES
+    folder: Path = args.folder
+    sensors: Sequence[str] = ("camera", "lidar", "radar")
+    pipelines: Sequence[str] = PIPELINES
+    weathers: Sequence[str] = WEATHERS
     if args.stereo:
         folder, sensors, pipelines = folder / "stereo", ("stereo_*", "lidar"), ("stereo3d",)
+    if args.no_lamps:
+        folder, sensors, pipelines, weathers = folder / "no-lamps", ("camera",), ("camera2d",), ("night",)
+        vars(picture)["light_of"] = lambda weather: light_of(weather)._replace(is_dark=False, is_dim=False)
     seeds, severities = ([int(word) for word in text.split(",")] for text in (args.seeds, args.severities))
     folder.mkdir(parents=True, exist_ok=True)
     cases: dict[Case, Path] = {}
     for seed in seeds:
         clear = Case("clear", 0, seed, RENDERED)
         cases[clear] = write_log(folder, clear, args.seconds, sensors)
-        for weather, severity in product(WEATHERS, severities):
+        for weather, severity in product(weathers, severities):
             rendered = Case(weather, severity, seed, RENDERED)
             cases[rendered] = write_log(folder, rendered, args.seconds, sensors)
             cases[replace(rendered, way=INJECTED)] = cases[clear]
-    names = [f"{weather}:{severity}" for weather, severity in product(WEATHERS, severities)]
+    names = [f"{weather}:{severity}" for weather, severity in product(weathers, severities)]
     if args.causes:
         print_causes(cases, names)
     elif args.weights:
