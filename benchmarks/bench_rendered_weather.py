@@ -2,11 +2,15 @@
 
     python benchmarks/bench_rendered_weather.py FOLDER [--seeds 101,102] [--seconds 2] [--severities 1,3,5]
     python benchmarks/bench_rendered_weather.py FOLDER --weights FILE.onnx
+    python benchmarks/bench_rendered_weather.py FOLDER --stereo
+    python benchmarks/bench_rendered_weather.py FOLDER --no-lamps [--weights FILE.onnx]
     python benchmarks/bench_rendered_weather.py FOLDER --causes
 
 FOLDER keeps logs and runs, so that the same command continues. Both logs of a pair show one scene in one state of the
 air and the light: that which `fog:3` names. Prints tables in Markdown. With `--weights`, camera2d with that detector is
-scored alone; with `--causes`, injected images are changed step by step until they are like the rendered ones.
+scored alone; with `--stereo`, stereo3d on logs of the stereo pair and the LiDAR; with `--no-lamps`, camera2d in nights
+in which nothing shines but the sky; with `--causes`, injected images are changed step by step until they are like the
+rendered ones.
 """
 
 import argparse
@@ -22,6 +26,7 @@ from scipy.stats import kendalltau, spearmanr
 
 from fbench.api.suites.run import run_suite
 from fbench.api.suites.runner import RunOptions
+from fbench.datasets.city.camera import picture
 from fbench.datasets.city.camera.sky import light_of
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.request import CityRequest
@@ -78,9 +83,9 @@ def weather_of(name: str) -> Weather:
     return part.condition.weather(part.level)
 
 
-def write_log(folder: Path, case: Case, seconds: float) -> Path:
+def write_log(folder: Path, case: Case, seconds: float, sensors: Sequence[str]) -> Path:
     """Render a case, unless its log is there."""
-    spec = CityRequest("urban", "clear", seconds, case.seed, sensors=("camera", "lidar", "radar")).spec()
+    spec = CityRequest("urban", "clear", seconds, case.seed, sensors=sensors).spec()
     if case.severity:
         spec = replace(spec, condition=Condition(case.name, weather_of(case.name)))
     out = folder / f"{case.name.replace(':', '-')}-{case.seed}.mcap"
@@ -248,27 +253,38 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=2.0)
     parser.add_argument("--severities", default="1,3,5")
     parser.add_argument("--weights", type=Path)
+    parser.add_argument("--stereo", action="store_true")
+    parser.add_argument("--no-lamps", action="store_true")
     parser.add_argument("--causes", action="store_true")
     args = parser.parse_args()
+    folder: Path = args.folder
+    sensors: Sequence[str] = ("camera", "lidar", "radar")
+    pipelines: Sequence[str] = PIPELINES
+    weathers: Sequence[str] = WEATHERS
+    if args.stereo:
+        folder, sensors, pipelines = folder / "stereo", ("stereo_*", "lidar"), ("stereo3d",)
+    if args.no_lamps:
+        folder, sensors, pipelines, weathers = folder / "no-lamps", ("camera",), ("camera2d",), ("night",)
+        vars(picture)["light_of"] = lambda weather: light_of(weather)._replace(is_dark=False, is_dim=False)
     seeds, severities = ([int(word) for word in text.split(",")] for text in (args.seeds, args.severities))
-    args.folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     cases: dict[Case, Path] = {}
     for seed in seeds:
         clear = Case("clear", 0, seed, RENDERED)
-        cases[clear] = write_log(args.folder, clear, args.seconds)
-        for weather, severity in product(WEATHERS, severities):
+        cases[clear] = write_log(folder, clear, args.seconds, sensors)
+        for weather, severity in product(weathers, severities):
             rendered = Case(weather, severity, seed, RENDERED)
-            cases[rendered] = write_log(args.folder, rendered, args.seconds)
+            cases[rendered] = write_log(folder, rendered, args.seconds, sensors)
             cases[replace(rendered, way=INJECTED)] = cases[clear]
-    names = [f"{weather}:{severity}" for weather, severity in product(WEATHERS, severities)]
+    names = [f"{weather}:{severity}" for weather, severity in product(weathers, severities)]
     if args.causes:
         print_causes(cases, names)
     elif args.weights:
         settings = [f"camera.weights={args.weights}"]
-        print_scores(score_all(args.folder / "weights", cases, ("camera2d",), settings), names)
+        print_scores(score_all(folder / "weights", cases, ("camera2d",), settings), names)
     else:
         print_sensed(cases, names)
-        print_scores(score_all(args.folder / "runs", cases, PIPELINES, ()), names)
+        print_scores(score_all(folder / "runs", cases, pipelines, ()), names)
 
 
 def print_sensed(cases: Mapping[Case, Path], names: Sequence[str]) -> None:

@@ -97,6 +97,10 @@ class TrackingPipeline(ABC, Generic[B]):
         """All sensors of the kinds that it uses, but cameras that have no weights."""
         return tuple(name for name in self._rig.sensors(*self.kinds) if name not in self.missing)
 
+    def used_sensors(self) -> tuple[str, ...]:
+        """The same: no other is looked at."""
+        return self.required_sensors()
+
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
         return self.weights

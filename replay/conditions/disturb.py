@@ -3,7 +3,7 @@
 import heapq
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import groupby, islice
@@ -35,6 +35,7 @@ from fbench.replay.data.rig import KINDS, LogSpan, Rig, RigChange
 
 Event: TypeAlias = Message | RigChange | Tick
 
+S = TypeVar("S")
 T = TypeVar("T")
 _TRUTH_NS = 50_000_000  # Truth is of a message's instant up to this far away
 _CLOUD_NS = 300_000_000
@@ -213,28 +214,75 @@ def make_site(disturbance: Disturbance, step: Step, log_id: str, rig: Rig, senso
     return Site(key, rig, sensor, rig.kinds[sensor], first_ns, last_ns, period_ns)
 
 
+class Deferred:
+    """A message that conditions change once somebody needs it: when that is computed doesn't matter, since they depend
+    on nothing but what was known at its place. Neither its times nor that it comes change.
+    """
+
+    def __init__(self, recorded: Measurement, steps: Sequence[tuple["Step", Site]]) -> None:
+        self.recorded, self._steps = recorded, steps
+        self.result: Measurement | None = None  # Once it was computed, until it is forgotten
+        self._counts: Mapping[str, float] = {}
+
+    @property
+    def log_ns(self) -> int:
+        """When it was recorded, and is delivered."""
+        return self.recorded.log_ns
+
+    def take(self, effects: Effects, *, is_used: bool = True) -> Measurement:
+        """Return what becomes of the message; itself where its content isn't used, so that it costs nothing. Raises
+        LogError and RunError as conditions do, also on what isn't used where it lacks what they need.
+        """
+        if not is_used:
+            for step, _ in self._steps:
+                _require_needs(step, self.recorded)
+            effects.count(self.recorded.sensor, {"messages": 1, "unused": 1})
+            return self.recorded
+        if self.result is None:
+            (self.result,), raw = _apply_all(self._steps, self.recorded)
+            self._counts = effects.measure(self.recorded, [self.result], raw)
+        effects.count(self.recorded.sensor, self._counts)
+        return self.result
+
+    def forget(self) -> None:
+        """Compute it anew when it is needed again."""
+        self.result = None
+
+
 class DisturbedReader(ReaderWrapper):
     """A log under conditions.
 
     Messages come in canonical order of when they are delivered. Where conditions change times, each message of the
     sensor is preceded by a `Tick` as it was recorded, so that frames keep their instants. Truth, poses and the rig
-    stay as they are. Raises ConfigError and LogError as `Disturbance.require_fits` does.
+    stay as they are. Messages of sensors that aren't used come as recorded, unless conditions change their times.
+    Raises ConfigError and LogError as `Disturbance.require_fits` does.
     """
 
-    def __init__(self, reader: Reader, disturbance: Disturbance, effects: Effects) -> None:
+    def __init__(
+        self, reader: Reader, disturbance: Disturbance, effects: Effects,
+        is_used: Callable[[str], bool] = lambda sensor: True,
+    ) -> None:  # fmt: skip
         super().__init__(reader)
-        self._disturbance, self._effects = disturbance, effects
+        self._disturbance, self._effects, self._is_used = disturbance, effects, is_used
         disturbance.require_fits(reader.rig)
 
     def pass_on(self, messages: Iterator[Event]) -> Iterator[Event]:
         """Yield all messages as they are delivered."""
+        for item in self.defer(messages):
+            if isinstance(item, Deferred):
+                yield item.take(self._effects, is_used=self._is_used(item.recorded.sensor))
+            else:
+                yield item
+
+    def defer(self, messages: Iterator[Event]) -> Iterator[Event | Deferred]:
+        """Yield all messages as they are delivered, those that only change what they hold before they are changed."""
         disturber = Disturber(self._reader, self._disturbance, self._effects)
         known = disturber.look_ahead(messages, lambda item: item.log_ns, lambda item: item)
-        return in_order_of_delivery(known, disturber.disturb, lambda item: item.log_ns)
+        return in_order_of_delivery(known, disturber.defer, lambda item: item.log_ns)
 
 
 def in_order_of_delivery(
-    recorded: Iterable[T], disturb: Callable[[T], Iterable[T]], log_ns: Callable[[T], int]
+    recorded: Iterable[S], disturb: Callable[[S], Iterable[T]], log_ns: Callable[[S | T], int]
 ) -> Iterator[T]:
     """Yield what becomes of items, which come in the order of their log time and are delayed at most, in that of the
     time of their delivery.
@@ -291,6 +339,11 @@ class Disturber:
 
     def disturb(self, recorded: Event) -> Iterator[Event]:
         """Yield what becomes of a message, with its instant before it where conditions change times."""
+        for item in self.defer(recorded):
+            yield item.take(self._effects) if isinstance(item, Deferred) else item
+
+    def defer(self, recorded: Event) -> Iterator[Event | Deferred]:
+        """Yield the same, before it is changed where its times stay."""
         if isinstance(recorded, RigChange):
             self._set_rig(recorded.rig)
             self._clouds = {name: c for name, c in self._clouds.items() if c.log_ns >= recorded.log_ns}  # looked ahead
@@ -299,22 +352,18 @@ class Disturber:
                 self._clouds[recorded.sensor] = recorded
             yield recorded
             return
-        if recorded.sensor in self._ticking:
-            yield Tick(recorded.sensor, recorded.stamp_ns, recorded.log_ns, recorded.frame_number)
-        raw: Measurement = recorded
-        results: list[Measurement] = [recorded]
-        for step in self._steps[recorded.sensor]:
-            if step.holds(recorded.log_ns, self._disturbance.span.first_ns):
-                site = self._site(step, recorded)
-                if isinstance(recorded, Image) and not step.changes_times:
-                    raw = _decode(raw)
-                    results = [raw if result is recorded else _decode(result) for result in results]
-                results = [item for result in results for item in _apply(step, result, site)]
-        results = [recorded if result is raw else result for result in results]
-        self._effects.add(recorded, results, raw)
+        first_ns = self._disturbance.span.first_ns
+        acting = [step for step in self._steps[recorded.sensor] if step.holds(recorded.log_ns, first_ns)]
+        steps = [(step, self._site(step, recorded)) for step in acting]
         self._history[recorded.sensor].append(recorded)
         if isinstance(recorded, PointCloud):
             self._clouds[recorded.sensor] = recorded
+        if recorded.sensor not in self._ticking:
+            yield Deferred(recorded, steps)
+            return
+        yield Tick(recorded.sensor, recorded.stamp_ns, recorded.log_ns, recorded.frame_number)
+        results, raw = _apply_all(steps, recorded)
+        self._effects.add(recorded, results, raw)
         yield from results
 
     def _site(self, step: Step, message: Measurement) -> Site:
@@ -332,6 +381,17 @@ class Disturber:
         return min(near, key=lambda t: abs(t.stamp_ns - stamp_ns)).boxes3d if near else None
 
 
+def _apply_all(steps: Sequence[tuple[Step, Site]], recorded: Measurement) -> tuple[list[Measurement], Measurement]:
+    """Return what becomes of a message, and the message itself as conditions got it: images are decoded for them."""
+    raw, results = recorded, [recorded]
+    for step, site in steps:
+        if isinstance(recorded, Image) and not step.changes_times:
+            raw = _decode(raw)
+            results = [raw if result is recorded else _decode(result) for result in results]
+        results = [item for result in results for item in _apply(step, result, site)]
+    return [recorded if result is raw else result for result in results], raw
+
+
 def _decode(message: Measurement) -> Measurement:
     """Return an image as raw BGR, or as it is where it can't be decoded."""
     if not isinstance(message, Image) or message.encoding == RAW or (pixels := decode(message)) is None:
@@ -343,12 +403,16 @@ def _apply(step: Step, message: Measurement, site: Site) -> Sequence[Measurement
     """Disturb a message, unless it is an image that can't be decoded. Raises LogError where the message lacks what the
     condition needs.
     """
+    _require_needs(step, message)
+    is_damaged = isinstance(message, Image) and message.encoding != RAW and not step.changes_times
+    return (message,) if is_damaged else step.apply(message, site)
+
+
+def _require_needs(step: Step, message: Measurement) -> None:
     lacking = [need for need in sorted(step.needs) if not _has(message, need)]
     if lacking:
         what = f"'{message.sensor}' has no {', '.join(lacking)}"
         raise LogError(f"condition {step.parts[0]} can't act: {what}", "COR002")
-    is_damaged = isinstance(message, Image) and message.encoding != RAW and not step.changes_times
-    return (message,) if is_damaged else step.apply(message, site)
 
 
 def _has(message: Measurement, need: Need) -> bool:

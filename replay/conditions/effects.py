@@ -26,6 +26,12 @@ class Effects:
 
     def add(self, recorded: Measurement, results: Sequence[Measurement], raw: Measurement | None = None) -> None:
         """Count what became of one message; `raw` is the same, where it is an image that was decoded already."""
+        self.count(recorded.sensor, self.measure(recorded, results, raw))
+
+    def measure(
+        self, recorded: Measurement, results: Sequence[Measurement], raw: Measurement | None = None
+    ) -> dict[str, float]:
+        """Return the numbers of what became of one message, without adding them."""
         flags: dict[str, int | bool] = {
             "messages": 1, "dropped": not results, "added": max(0, len(results) - 1),
             "changed": [*results] != [recorded],
@@ -36,7 +42,7 @@ class Effects:
         if results:
             after = results[0]
             counts |= compare(recorded if after is recorded or raw is None else raw, after)
-        self.count(recorded.sensor, counts)
+        return counts
 
     def count(self, sensor: str, counts: Mapping[str, float]) -> None:
         """Add the numbers of one message of a sensor."""
@@ -63,6 +69,7 @@ def describe(row: Mapping[str, float]) -> str:
     """Say in one line what conditions changed of a sensor, from its sums."""
     num, changed, points = (int(row.get(name, 0)) for name in ("messages", "changed", "points_before"))
     texts = [f"{changed} of {num} messages changed"] if changed else []
+    texts += ["as recorded, since the pipeline doesn't use it"] if row.get("unused") else []
     for name in ("dropped", "added", "late", "restamped"):
         texts += [f"{int(row[name])} {_WORDS[name]}"] if row.get(name) else []
     if points and row["points_after"] != points:

@@ -196,6 +196,16 @@ class TakesArgument(Protocol):
 
 
 @runtime_checkable
+class UsesSensors(Protocol):
+    """A pipeline that says which sensors it uses, so that conditions on others cost nothing: it may get their messages
+    as they were recorded.
+    """
+
+    def used_sensors(self) -> Collection[str]:
+        """Names of all sensors at whose images or points it looks; asked after `start`."""
+
+
+@runtime_checkable
 class NeedsSensors(Protocol):
     """A pipeline that says which sensors its results rest on: where hardly any frame has one of them, data was lost."""
 

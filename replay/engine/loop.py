@@ -16,7 +16,16 @@ from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.errors import INTERRUPTS, LogError, MissingPackageError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guard
-from fbench.replay.contracts.protocols import GivesWarnings, NeedsSensors, Pipeline, Reader, TellsIdentity, Tracks
+from fbench.replay.contracts.protocols import (
+    GivesWarnings,
+    NeedsSensors,
+    Pipeline,
+    Reader,
+    TellsIdentity,
+    Tracks,
+    UsesSensors,
+)  # fmt: skip
+from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import Rig
@@ -85,8 +94,10 @@ def replay(
     LogError where the log can't be used by this pipeline, RunError where the pipeline keeps failing.
     """
     effects = reader.effects if isinstance(reader, SharedReader) else Effects()
-    if plan.disturbance and not isinstance(reader, SharedReader):
-        reader = DisturbedReader(reader, plan.disturbance, effects)
+    if isinstance(reader, SharedReader):
+        reader.is_used = _find_used(plan, reader.rig)
+    elif plan.disturbance:
+        reader = DisturbedReader(reader, plan.disturbance, effects, _find_used(plan, reader.rig))
     with RunWriter(folder, overwrite) as writer, closing(WarmUp()) as warm_up:
         loop = _Loop(reader, plan, faults, writer, warm_up, effects)
         loop.start()
@@ -96,6 +107,22 @@ def replay(
         loop.require_results()
         loop.finish(reader)
         return writer.finish(loop.manifest(), complete)
+
+
+def _find_used(plan: Plan, rig: Rig) -> Callable[[str], bool]:
+    """Return what tells whether anybody uses messages of a sensor: the pipeline, once it has started, or who looks at
+    the images and points that are kept.
+    """
+    names, pipeline = rig.sensors("camera", "lidar", "radar"), plan.pipeline
+    left_out = {*names} - {*choose_sensors(names, plan.sensors)}
+    if (plan.num_media and not plan.redact) or not isinstance(pipeline, UsesSensors):
+        return lambda sensor: sensor not in left_out
+
+    def is_used(sensor: str) -> bool:
+        with guard(f"pipeline '{plan.name}' can't say which sensors it uses"):
+            return sensor in pipeline.used_sensors()
+
+    return is_used
 
 
 class _Loop:

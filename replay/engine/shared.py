@@ -12,7 +12,7 @@ from typing import Self, TypeAlias
 
 import numpy as np
 
-from fbench.replay.conditions.disturb import Disturbance, DisturbedReader, Event
+from fbench.replay.conditions.disturb import Deferred, Disturbance, DisturbedReader, Event
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.contracts.protocols import Reader, ReaderWrapper
@@ -27,12 +27,16 @@ class _Step:
 
     __slots__ = ("counts", "event", "faults")
 
-    def __init__(self, event: Event | None, faults: StagedFaults, counts: list[tuple[str, dict[str, float]]]) -> None:
+    def __init__(
+        self, event: Event | Deferred | None, faults: StagedFaults, counts: list[tuple[str, dict[str, float]]]
+    ) -> None:
         self.event, self.faults, self.counts = event, faults, counts
 
 
 class _Stream:
-    """Messages of a log under conditions, read once, as far as anybody wanted them."""
+    """Messages of a log under conditions, read once, as far as anybody wanted them; each is disturbed once one of the
+    replays uses it.
+    """
 
     def __init__(self, open_log: Callable[[FaultLog], Reader], disturbance: Disturbance, limit: int | None) -> None:
         self.steps: list[_Step] = []
@@ -41,9 +45,9 @@ class _Stream:
         with self._ends as ends:
             reader = ends.enter_context(open_ahead(open_log, self._staged, limit))
             _ = reader.info, reader.rig, reader.num_messages, reader.poses
+            self._events: Iterator[Event | Deferred] = reader.messages()
             if disturbance:
-                reader = DisturbedReader(reader, disturbance, self._effects)
-            self._events = reader.messages()
+                self._events = DisturbedReader(reader, disturbance, self._effects).defer(reader.messages())
             self._ends = ends.pop_all()
         self._staged.clear()  # each replay meets these when it opens the log for what isn't a message
 
@@ -123,7 +127,8 @@ class SharedLogs:
             else:
                 step = stream.read()
                 if is_kept:
-                    stream.num_bytes += _size(step.event)
+                    event = step.event
+                    stream.num_bytes += _size(event.recorded if isinstance(event, Deferred) else event)
                     is_kept = stream.num_bytes <= self._max_bytes
                     if is_kept:
                         stream.steps.append(step)
@@ -137,7 +142,22 @@ class SharedLogs:
                 if not is_kept:
                     stream.close()
                 return
-            yield step.event
+            if isinstance(step.event, Deferred):
+                yield self._take(stream, step.event, reader)
+            else:
+                yield step.event
+
+    def _take(self, stream: _Stream, event: Deferred, reader: "SharedReader") -> Event:
+        """Return a disturbed message, and keep it for others where it fits in."""
+        was_known = event.result is not None
+        message = event.take(reader.effects, is_used=reader.is_used(event.recorded.sensor))
+        if event.result is not None and event.result is not event.recorded and not was_known:
+            num_bytes = stream.num_bytes + _size(message)
+            if num_bytes <= self._max_bytes:
+                stream.num_bytes = num_bytes
+            else:
+                event.forget()
+        return message
 
     def _drop(self) -> None:
         if self._stream is not None:
@@ -161,6 +181,8 @@ class SharedReader(ReaderWrapper):
     ) -> None:  # fmt: skip
         self.key, self.open_log, self.disturbance, self.limit = key, open_log, disturbance, limit
         self.faults, self.effects = faults, effects
+        self.is_used: Callable[[str], bool] = lambda sensor: True
+        """Whether the replay's pipeline uses messages of a sensor, which may be known once it has started."""
         self._logs = logs
         super().__init__(open_log(faults))
         disturbance.require_fits(self.rig)
@@ -178,7 +200,9 @@ class SharedReader(ReaderWrapper):
         return self._disturbed().messages()
 
     def _disturbed(self) -> Reader:
-        return DisturbedReader(self._reader, self.disturbance, self.effects) if self.disturbance else self._reader
+        if not self.disturbance:
+            return self._reader
+        return DisturbedReader(self._reader, self.disturbance, self.effects, self.is_used)
 
 
 def _size(event: Event | None) -> float:

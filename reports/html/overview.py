@@ -189,10 +189,17 @@ def notices(overviews: Sequence[Overview]) -> list[Notice]:
             before = merged.get(key, notice)
             merged[key] = replace(notice, who=(*before.who, overview.label))
     found = list(merged.values())
-    if len({brief(o.manifest.log.digest) for o in overviews}) > 1:
+    if len({_data_of(o.manifest) for o in overviews}) > 1:
         text = "Their log digests differ, so their numbers don’t compare pipelines alone."
         found.append(Notice("warn", "These runs replayed different data.", text))
     return sorted(found, key=lambda notice: ("bad", "warn", "info").index(notice.level))
+
+
+def _data_of(manifest: Manifest) -> str:
+    """What was replayed; conditions change nothing of the sensors that a pipeline doesn't use."""
+    if not (manifest.conditions and manifest.log.log_id):
+        return brief(manifest.log.digest)
+    return f"{manifest.log.log_id} {'+'.join(map(str, manifest.conditions))} {manifest.seed}"
 
 
 def _notices_of(o: Overview) -> Iterator[Notice]:

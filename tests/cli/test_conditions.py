@@ -232,6 +232,23 @@ def test_verify_holds_under_every_condition(tmp_path):
 
 
 @pytest.mark.slow
+def test_verify_holds_under_all_conditions_together_in_fresh_processes(fbench, tmp_path, circumstances):
+    """Each acts at its lowest severity, those that hide what others did in the second half alone."""
+    street = Street(8)
+    log = write_log(tmp_path / "street.mcap", [*street.messages(), *street.truths()], street.rig)
+    circumstances("random hash seed", "2 threads", "Parquet")  # of 12
+    late = {"camera.crash", "camera.quant", "dropout", "lidar.fov"}
+    names = sorted(entry_points_of("conditions"), key=lambda name: (name in late, name))
+    condition = "+".join(f"{name}:1" + ("@0.4s-" if name in late else "") for name in names)
+    result = fbench("verify", log, "-p", "late3d", "--condition", condition, "--seed", "5", "--keep", "runs")
+    assert result.code == 0, result.out + result.err
+    assert result.out.count(": identical\n") == 3
+    effects = Run(tmp_path / "runs" / "reference").manifest.effects
+    assert all(row["changed"] > 0 and "unused" not in row for row in effects.values())
+    assert effects.keys() == {"camera", "lidar", "radar"}
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("condition", "tried"),
     [

@@ -9,16 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.pipelines.variants.every import CASES, STEP_NS, Case, drive, outputs, recorded, require_sound, rig_of
+from tests.pipelines.variants.every import CASES, LOG, STEP_NS, Case, drive, outputs, recorded, require_sound, rig_of
 
 from fbench.replay.contracts.plugins import entry_points_of as plugins_found
+from fbench.replay.contracts.plugins import make_pipeline
+from fbench.replay.contracts.protocols import UsesSensors
 from fbench.replay.contracts.variants import find_variants
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
 from fbench.replay.data.frames import Frame
-from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
 from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.geometry.transforms import pose_matrix
+from fbench.replay.runs.digest import digest
 
 
 def cases(*kinds: str, but: Sequence[str] = ()) -> pytest.MarkDecorator:
@@ -79,6 +82,32 @@ def test_no_order_of_sensors_points_and_detections_counts(case: Case, one_car: P
         for kind in kinds:
             for name, values in getattr(one, kind).arrays().items():
                 np.testing.assert_array_equal(getattr(other, kind).arrays()[name], values)
+
+
+# Sensors that aren't used
+
+
+def garbled(message: Message) -> Message:
+    """Another measurement at the same instant."""
+    if isinstance(message, PointCloud | RadarScan):
+        return replace(message, xyz=message.xyz[::-1] * np.float32(0.7))
+    return replace(message, data=bytes(len(message.data))) if isinstance(message, Image) else message
+
+
+@cases(*"CLRS")
+def test_nothing_depends_on_sensors_that_it_says_it_does_not_use(case: Case, one_car: Path):
+    """So that conditions needn't act on them; the rig has all sensors."""
+    whole = replace(case, uses="CLRS")
+    rig, frames = rig_of(whole), drive(whole, 3)
+    weights = (f"camera.weights={one_car}",) if "C" in case.uses else ()
+    pipeline, _ = make_pipeline(case.name, [*case.settings, *weights])
+    pipeline.start(rig, LOG)
+    assert isinstance(pipeline, UsesSensors)
+    used = pipeline.used_sensors()
+    assert (case.name, set(used) < {*rig.mounts}) == (case.name, not case.uses.startswith("CLR"))
+    others = [replace(f, messages={n: m if n in used else garbled(m) for n, m in f.messages.items()}) for f in frames]
+    expected, found = (outputs(case, one_car, these, rig) for these in (frames, others))
+    assert digest([(o.detections, o.tracks) for o in found]) == digest([(o.detections, o.tracks) for o in expected])
 
 
 # Place

@@ -9,7 +9,7 @@ from tests.replay.fakes import MS, RIG, Echo, FakeLog, box, drive
 
 import fbench.replay.conditions.disturb as module
 from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
-from fbench.replay.conditions.effects import Effects
+from fbench.replay.conditions.effects import Effects, describe
 from fbench.replay.conditions.spec import parse_conditions
 from fbench.replay.contracts.conditions import Part
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError, RunError
@@ -411,3 +411,48 @@ def test_a_sensor_that_the_pipeline_doesnt_get_may_be_disturbed(tmp_path):
         disturbance=Disturbance(parse_conditions("extrinsic.radar:5"), 0, span_of(log)),
     )
     assert "mount_deg" not in run.manifest.effects["radar"]
+
+
+class OnlyLidar(Echo):
+    def used_sensors(self):
+        return ["lidar"]
+
+
+def test_what_a_pipeline_does_not_use_stays_as_recorded_where_nobody_looks_at_it(tmp_path):
+    log = drive(5)
+
+    def run(name, pipeline, num_media, **plan):
+        shift = Shift()
+        disturbance = Disturbance((part(shift),), 0, span_of(log))
+        result = play(log, tmp_path / name, pipeline, num_media=num_media, disturbance=disturbance, **plan)
+        return result, [site.sensor for _, site in shift.sites].count("radar")
+
+    spared, num = run("spared", OnlyLidar(), 0)
+    assert (num, spared.manifest.effects["radar"]) == (0, {"messages": 5, "unused": 5})
+    assert describe(spared.manifest.effects["radar"]) == "as recorded, since the pipeline doesn't use it"
+    for name, pipeline, num_media in (("shown", OnlyLidar(), 8), ("silent", Echo(), 0)):
+        whole, num = run(name, pipeline, num_media)
+        assert (num, whole.manifest.effects["radar"]["changed"]) == (5, 5)
+        assert whole.manifest.digest == spared.manifest.digest
+        assert whole.manifest.effects["lidar"] == spared.manifest.effects["lidar"]
+    assert run("chosen", Echo(), 8, sensors=["lidar"])[1] == 0  # the pipeline doesn't get the radar
+
+
+def test_times_of_what_is_not_used_change_all_the_same(tmp_path):
+    log = drive(20)
+    runs = [
+        play(log, tmp_path / type(pipeline).__name__, pipeline, num_media=0,
+             disturbance=Disturbance(parse_conditions("loss.radar:5+radar.shift:2"), 0, span_of(log)))
+        for pipeline in (Echo(), OnlyLidar())
+    ]  # fmt: skip
+    assert runs[0].manifest.effects == runs[1].manifest.effects
+    assert runs[0].manifest.digest == runs[1].manifest.digest
+    assert any(frame.missing for frame in runs[1].frames)
+
+
+def test_what_a_message_lacks_is_an_error_also_where_it_is_not_used(tmp_path):
+    with pytest.raises(LogError, match=r"condition mine.radar:2 can't act: 'radar' has no rcs"):
+        play(
+            drive(3), tmp_path / "run", OnlyLidar(), num_media=0,
+            disturbance=Disturbance((part(Shift(["rcs"]), sensors="radar"),), 0, span_of(drive(3))),
+        )  # fmt: skip
