@@ -64,6 +64,7 @@ class ObjectChange:
     num_frames: int
     range_m: float | None  # Mean, in the ground plane
     why: str
+    weight: float | None = None  # Without labels: how much it matters, in frames of a near object
 
     def __str__(self) -> str:
         name = f"{self.label or 'object'}{'' if self.track_id is None else f' #{self.track_id}'}"

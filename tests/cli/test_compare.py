@@ -44,7 +44,9 @@ def test_without_labels_the_base_is_the_reference(fbench, runs):
     result = fbench("compare", runs / "dark", runs / "dark-worse", "--reference", "base", "--json")
     assert result.code == 0
     found = result.json()
-    rows = {row["metric"]: row for row in found["rows"]}
+    rows = {row["metric"]: row for row in found["rows"] if row["slice"] == "all"}
+    near = {row["slice"]: row["head"] for row in found["rows"] if row["metric"] == "agreement_detections"}
+    assert (near["range 10-20 m"], near["range 20-30 m"]) == (pytest.approx(400 / 440), 1.0)
     assert rows["agreement_detections"]["head"] == pytest.approx(2 * 440 / (480 + 440))
     assert rows["agreement_detections"]["verdict"] == "changed"
     first = found["objects"][0]
