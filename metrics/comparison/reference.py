@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from fbench.metrics.comparison.cells import CellPair
+from fbench.metrics.comparison.counts import count_outcomes
 from fbench.metrics.comparison.objects import Event, Kind, find_divergence, join_events, name_sensors
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.slices import RANGES_M, Group, by_range, ground_range
@@ -55,6 +56,18 @@ def compare_by_base(pairs: Sequence[CellPair], notes: tuple[str, ...], failures:
     state: State = "failed" if failures else "passed" if divergences else "identical"
     first = tuple(objects[:_MOST_OBJECTS])
     return Comparison(tuple(rows), 0.0, state, failures, notes, divergences, first, (), without_labels=True)
+
+
+def count_agreement(run: Run, other: Run) -> tuple[Int64, Int64]:
+    """Count hits, false alarms and misses (F, 3) of each frame's detections with those of another pipeline for truth;
+    and return the indices (F,) of these frames, which both runs have. Raises MetricError where one has boxes in images.
+    """
+    sequence = _beside(other, run, other.detections, run.detections)
+    judged = judge_detections(compare_class(sequence, _ANY, _match(isinstance(run.detections.boxes, Boxes2D))))
+    own = {frame.stamp_ns: frame.index for frame in run.frames}
+    both = [(f.index, own[f.stamp_ns]) for f in other.frames if f.stamp_ns in own]
+    others, index = np.array(both, np.int64).reshape(-1, 2).T
+    return count_outcomes(judged, others), index
 
 
 def _rows(pair: CellPair, base: Run, head: Run) -> Iterator[Row]:

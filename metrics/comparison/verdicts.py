@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.comparison.cells import CellPair, add_units
+from fbench.metrics.comparison.cells import OTHER, CellPair, add_units
 from fbench.metrics.comparison.counts import Place, metrics_of
 from fbench.metrics.comparison.inference import ErrorRates, Inference, PairedUnits, adjust_discoveries, adjust_holm
 from fbench.metrics.core.slices import VEHICLE
@@ -44,8 +44,10 @@ class Rule:
             raise ConfigError(f"tolerance {self.tolerance}: expected a number from 0 on")
 
     def holds_for(self, group: tuple[str, str], key: Key, own: str) -> bool:
-        """Tell whether it is about a number of a pipeline and condition, whose own space is `own`."""
-        names = (*group, *key[:3])
+        """Tell whether it is about a number of a pipeline and condition, whose own space is `own`. Where pipelines
+        differ, that of the head counts.
+        """
+        names = (group[0].rpartition(OTHER)[2], group[1], *key[:3])
         patterns = (self.pipeline, self.condition, self.metric, self.class_, self.slice)
         fits = all(name == p or fnmatchcase(name, p) for name, p in zip(names, patterns, strict=True))
         return fits and (self.space == "all" or key[3] == own)
