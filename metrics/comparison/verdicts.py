@@ -95,7 +95,7 @@ class Judge:
 
     def judge(self, pairs: Sequence[CellPair]) -> tuple[list[Row], list[Rule]]:
         """Return all numbers with their verdicts, pipeline by pipeline and condition by condition; and the rules that
-        are about none of them. Of several rules for one number the first counts. Raises MetricError where the two sides
+        are about none of them that has a value. Of several rules for one number the first counts. Raises MetricError where the two sides
         have neither F1 nor MOTA in common, or nothing was measured.
         """
         groups: dict[tuple[str, str], list[CellPair]] = {}
@@ -107,7 +107,7 @@ class Judge:
         p = dict(zip(map(id, gating), adjust_holm([n.found.p or 0.0 for n in gating]), strict=True))
         p |= zip(map(id, informing), adjust_discoveries([n.found.p or 0.0 for n in informing]), strict=True)
         rows = [self._row(number, p.get(id(number), number.found.p), max(len(gating), 1)) for number in numbers]
-        used = {id(number.rule) for number in numbers}
+        used = {id(number.rule) for number in numbers if number.base is not None or number.head is not None}
         return rows, [rule for rule in self.rules if id(rule) not in used]
 
     def _numbers(self, group: tuple[str, str], pairs: Sequence[CellPair]) -> Iterator[_Number]:
