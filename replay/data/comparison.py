@@ -134,7 +134,7 @@ class Comparison:
         """The verdict in one line."""
         if self.state == "identical":
             return "identical: all outputs have equal digests"
-        bad = [row for row in self.gating if row.verdict in ("REGRESSED", "gone", "null")]
+        bad = [row for row in self.gating if row.verdict in ("REGRESSED", "gone")]
         if self.state == "failed" and bad:
             more = f" and {len(bad) - 1} more" if len(bad) > 1 else ""
             return f"REGRESSED: {bad[0].name}{more}"

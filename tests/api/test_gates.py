@@ -138,6 +138,8 @@ def test_what_regresses_without_a_gate_is_in_the_headline(runs: Path) -> None:
     assert found.state == "passed"
     num = sum(r.verdict == "REGRESSED" for r in found.rows)
     assert found.headline == f"no regression of what gates; {num} without a gate REGRESSED"
+    nothing = compare(runs / "base", runs / "noop", '[[gate]]\nmetric = "f1"\nslice = "range 0-10 m"\n')
+    assert nothing.headline.startswith("FAILED: no number fits the gate of f1, vehicle, range 0-10 m, or none")
 
 
 def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:
