@@ -8,7 +8,7 @@ import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import console, make_table, print_json, replay_progress, say
+from fbench.cli.show import console, make_table, plugin_output, print_json, replay_progress, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def _check_relations(request: "ReplayRequest", log: Path, keep: Path | None, jso
     from fbench.api.relations import check_relations
     from fbench.api.runs import short_name
 
-    with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
+    with plugin_output(), replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
         found = check_relations(request, keep, progress)
     if json:
         rows = [

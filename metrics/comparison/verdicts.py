@@ -95,8 +95,8 @@ class Judge:
 
     def judge(self, pairs: Sequence[CellPair]) -> tuple[list[Row], list[Rule]]:
         """Return all numbers with their verdicts, pipeline by pipeline and condition by condition; and the rules that
-        are about none of them that has a value. Of several rules for one number the first counts. Raises MetricError where the two sides
-        have neither F1 nor MOTA in common, or nothing was measured.
+        are about none of them that has a value. Of several rules for one number the first counts. Raises MetricError
+        where the two sides have neither F1 nor MOTA in common, or nothing was measured.
         """
         groups: dict[tuple[str, str], list[CellPair]] = {}
         for pair in pairs:
