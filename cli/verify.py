@@ -117,7 +117,7 @@ def _check_relations(request: "ReplayRequest", log: Path, keep: Path | None, jso
     from fbench.api.relations import check_relations
     from fbench.api.runs import short_name
 
-    with plugin_output(), replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
+    with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress, plugin_output():
         found = check_relations(request, keep, progress)
     if json:
         rows = [
