@@ -153,7 +153,8 @@ def compare_sides(request: CompareRequest) -> Comparison:
         return compare_by_base(pairs, tuple(notes), tuple(lacking))
     how = ErrorRates() if policy is None else ErrorRates(policy.alpha)
     rows, unused = Judge(rules, how, policy is None or policy.inform).judge(pairs)
-    failures = [] if policy is None else [f"no number fits the gate of {_describe(rule)}" for rule in unused]
+    written = policy is not None and "gate" in policy.model_fields_set  # The default gates may fit nothing
+    failures = [f"no number fits the gate of {_describe(rule)}, or none has a value" for rule in unused if written]
     failures += [*_over_budget(policy or Policy(version=1), pairs, lacking, is_default=policy is None)]
     if policy is not None and policy.latency is not None:
         table = policy.latency

@@ -1,13 +1,13 @@
 """Sides of a comparison: the cells of runs and suites, and which belong together."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
 from fbench.api.scores import open_folder
 from fbench.api.suites.cells import CELLS
-from fbench.metrics.comparison.cells import CLEAR, CellName, CellPair, CellSide
+from fbench.metrics.comparison.cells import CLEAR, OTHER, CellName, CellPair, CellSide
 from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import read_table
@@ -65,9 +65,11 @@ def pair_cells(base: Side, head: Side) -> tuple[list[CellPair], list[str], list[
         what = ("a suite" if side.is_suite else "a run" for side in (base, head))
         raise ConfigError(f"{base.path} is {next(what)}, {head.path} is {next(what)}: compare like with like")
     if len(base.cells) == len(head.cells) == 1 and not (base.is_suite and head.is_suite):
-        (one,), ((name, two),) = base.cells.values(), head.cells.items()
+        ((before, one),), ((name, two),) = base.cells.items(), head.cells.items()
         if isinstance(one, CellSide) and isinstance(two, CellSide):
-            return [CellPair(name, one, two)], [], []
+            is_same = before.pipeline == name.pipeline
+            named = name if is_same else replace(name, pipeline=f"{before.pipeline}{OTHER}{name.pipeline}")
+            return [CellPair(named, one, two)], [], []
     pairs, failures, notes = [], [], []
     for name, one in base.cells.items():
         other: Entry | None = head.cells.get(name)

@@ -39,7 +39,8 @@ class _RunsByDefault(TyperGroup):
 app = typer.Typer(
     cls=_RunsByDefault, no_args_is_help=True, rich_markup_mode="rich", epilog=examples("bench"),
     help="Run suites: logs x pipelines x conditions x rates x seeds. [bold]fbench bench SUITE.toml[/bold] runs one; "
-    "[bold]fbench bench init LOG...[/bold] writes one.",
+    "[bold]fbench bench init LOG...[/bold] writes one. Options, such as --jobs, --out, and --scheduler: "
+    "[bold]fbench bench run --help[/bold].",
 )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ def require_no_regression(
     if found.is_worse:
         comparison = found.comparison
         bad = [row for row in comparison.gating if row.verdict == "REGRESSED"]
-        numbers = [f"{row.name}: {row.base} -> {row.head}; {row.reason}" for row in bad]
+        numbers = [f"{row.name}: {row.values}; {row.reason}" for row in bad]
         lines = [comparison.headline, *numbers, *comparison.failures, *map(str, comparison.objects[:10])]
         pytest.fail("\n".join(lines), pytrace=False)
     return found

@@ -59,6 +59,13 @@ Explain = Annotated[int | None, Option(metavar="FRAME", help="Explain what becam
 Intervals = Annotated[
     int, Option(metavar="N", min=0, help="Add 95% confidence intervals from N bootstrap resamples (20 to 100000).")
 ]
+Control = Annotated[
+    list[Path] | None,
+    Option(
+        metavar="RUN",
+        help="Where few frames are labeled: another pipeline's run of the same log, to narrow intervals. Repeatable.",
+    ),
+]
 Seed = Annotated[int, Option(metavar="N", min=0, help="Seed of the resamples.")]
 
 
@@ -66,6 +73,7 @@ _OF_FILES = ("detections", "detections_format", "sequences", "seqmap", "missing"
 _OF_RUNS = ("range_m", "in_view", "distance_m", "iou", "region", "seen")
 _OF_OTHER_TRUTH = ("config", "truth_frame", "interpolate_truth_ms")
 _TRUTH = ("truth", "truth_format", *_OF_OTHER_TRUTH)
+_NOT_OF_CONTROL = (*_OF_RUNS, *_TRUTH, "profile", "min_coverage", "explain", "intervals", "out")
 _CALLED = {"interpolate_truth_ms": "--interpolate-truth", "class_": "--class"}  # Others as their parameter
 _INSTEAD = {"distance_m": "; use --match bev:M", "iou": "; use --match iou2d:SHARE"}
 
@@ -96,13 +104,14 @@ def score(
     min_coverage: options.MinCoverage = 0.0,
     intervals: Intervals = 0,
     seed: Seed = 0,
+    control: Control = None,
     out: Out = None,
     json: options.Json = False,
 ) -> None:
     """Score runs again from their folders, or results of another system from files, without replaying a log."""
     from fbench.api.scores import OWN_PROFILE, FileScoreRequest, Resampling, ScoreRequest, score_files
     from fbench.cli.options import box_source
-    from fbench.cli.score_show import explain_run, show_profile
+    from fbench.cli.score_show import explain_run, show_controlled, show_profile
     from fbench.replay.data.scores import ScoreOptions, region_kinds
 
     given = {name for name in context.params if str(context.get_parameter_source(name)).endswith("COMMANDLINE")}
@@ -121,6 +130,10 @@ def score(
         result = score_files(files)
         show_profile(result, out, json)
         raise typer.Exit(EXIT_OK if result.complete else EXIT_LOSSY)
+    if runs and control:
+        _refuse(given, _NOT_OF_CONTROL, "doesn't go with --control, which takes runs as they were scored")
+        show_controlled(runs, control, json)
+        raise typer.Exit(EXIT_OK)
     options = ScoreOptions(range_m, in_view, distance_m, iou, region_kinds(region), seen)
     if runs and explain is not None:
         if len(classes) > 1:
@@ -175,7 +188,7 @@ def require_fitting(given: Collection[str], num_runs: int) -> None:
             none = "what is to be scored? give a RUN folder, or --truth PATH and --detections PATH"
             one = f"{missing[0]} PATH is missing: results in files are scored against truth in files"
             raise ConfigError(none if len(missing) == 2 else one)
-        _refuse(given, (*_OF_RUNS, *_OF_OTHER_TRUTH, "min_coverage", "explain"), "is for run folders")
+        _refuse(given, (*_OF_RUNS, *_OF_OTHER_TRUTH, "min_coverage", "explain", "control"), "is for run folders")
         return
     if "detections" in given:
         raise ConfigError("--detections are scored without a RUN: leave out one of them")

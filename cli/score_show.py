@@ -3,6 +3,7 @@
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -136,3 +137,24 @@ def _verdict_table(found: "VerdictTable") -> Table:
             "–" if row.range_m is None else f"{row.range_m:.1f} m", row.outcome, row.reason,
         )  # fmt: skip
     return table
+
+
+def show_controlled(runs: Sequence[Path], controls: Sequence[Path], as_json: bool) -> None:
+    """Print numbers of all frames of runs, of which few are labeled, with intervals that other pipelines narrow."""
+    from fbench.api.controls import estimate_by_controls
+
+    found = estimate_by_controls(runs, controls)
+    if as_json:
+        print_json({name: {**asdict(one), "gain": one.gain} for name, one in found.items()})
+        return
+    table = make_table("metric", "labels alone", "95 %", "with controls", "95 %", "narrower by")
+    for name, one in found.items():
+        cells = [text for own in (one.plain, one.narrow) for text in (f"{own.value:.3f}", _ends(own.low, own.high))]
+        table.add_row(name, *cells, f"{100 * one.gain:.0f} %" if one.gain > 0 else "no gain; take labels alone")
+    console().print(table)
+    first = next(iter(found.values()))
+    say(f"{first.num_labeled} of {first.num_frames} frames are labeled; intervals hold if they were drawn at random")
+
+
+def _ends(low: float, high: float) -> str:
+    return f"{low:.3f} to {high:.3f}"

@@ -8,11 +8,16 @@ import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import console, make_table, print_json, replay_progress, say
+from fbench.cli.show import console, make_table, plugin_output, print_json, replay_progress, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 
 if TYPE_CHECKING:
+    from fbench.api.relations import Relations
     from fbench.replay.check.verify import Verified
+    from fbench.replay.setup.request import ReplayRequest
+
+_METRICS = ("agreement_detections", "agreement_tracks", "identity_changes")
+_MOST_OBJECTS = 10
 
 
 def verify(
@@ -29,6 +34,9 @@ def verify(
     detections: options.DetectionsFile = None,
     repeat: Annotated[int, Option(min=1, max=100, help="Number of identical replays, including the first.")] = 2,
     quick: Annotated[bool, Option("--quick", help="Only repeat, change the hash seed, and use more threads.")] = False,
+    relations: Annotated[
+        bool, Option("--relations", help="Instead, change the log in ways that must not change results: mirror it ...")
+    ] = False,
     keep: Annotated[Path | None, Option(help="Folder in which to keep the runs of all replays.")] = None,
     reference: options.Reference = None,
     timeout_ms: options.TimeoutMs = None,
@@ -76,6 +84,8 @@ def verify(
         condition=condition,
         seed=seed,
     )
+    if relations:
+        raise typer.Exit(_check_relations(request, log, keep, json))
     with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
         found = verify_replay(request, repeat, quick, keep, progress)
     if json:
@@ -100,3 +110,39 @@ def _print(found: "Verified") -> None:
         say(f"{odd} under {variant}" if odd else f"{variant}: identical")
     num, total = sum(map(bool, found.differences.values())), len(found.differences)
     say("", f"DIVERGED: {num} of {total}" if num else f"identical: all {total}")
+
+
+def _check_relations(request: "ReplayRequest", log: Path, keep: Path | None, json: bool) -> int:
+    """Replay under relations, print what holds, and return the exit code."""
+    from fbench.api.relations import check_relations
+    from fbench.api.runs import short_name
+
+    with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress, plugin_output():
+        found = check_relations(request, keep, progress)
+    if json:
+        rows = [
+            {"relation": one.name, "change": one.change, "least": one.least, "violated": one.is_violated,
+             "reason": one.reason, **{metric: one.value(metric) for metric in _METRICS}}
+            for one in found.held
+        ]  # fmt: skip
+        objects = [str(change) for change in found.objects]
+        print_json({"log": str(log), "pipeline": request.pipeline, "relations": rows, "objects": objects})
+    else:
+        _print_relations(found)
+    return EXIT_NO if found.is_violated else EXIT_OK
+
+
+def _print_relations(found: "Relations") -> None:
+    table = make_table("relation", "change", *_METRICS, "least", "", right=(*_METRICS, "least"))
+    for one in found.held:
+        numbers = ("–" if (value := one.value(metric)) is None else f"{value:.4g}" for metric in _METRICS)
+        verdict = "VIOLATED" if one.is_violated else "holds" if one.agreement is not None else "not tried"
+        style = {"VIOLATED": "red", "not tried": "yellow"}.get(verdict)
+        table.add_row(one.name, one.change, *numbers, f"{one.least:g}", verdict, style=style)
+    console().print(table)
+    say(*(f"{one.name}: {one.reason}" for one in found.held if one.reason))
+    say(*(f"{change.cell}: {change}" for change in found.objects[:_MOST_OBJECTS]))
+    if (more := len(found.objects) - _MOST_OBJECTS) > 0:
+        say(f"... {more} more, see --json")
+    num = sum(one.is_violated for one in found.held)
+    say(f"VIOLATED: {num} of {len(found.held)} relations" if num else "no relation is violated")

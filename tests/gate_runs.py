@@ -33,10 +33,11 @@ def write_drive(
     seconds: int = 12,
     missing: Mapping[int, Mapping[str, str]] | None = None,
     has_truth: bool = True,
+    every: int = 1,
     **changes: Any,
 ) -> Path:
     """Write and score a run at 10 Hz: (frame, object) of what was missed, frames with a false alarm at (20, -20), and
-    frames from which on the first two tracks have each other's id.
+    frames from which on the first two tracks have each other's id. Only one of `every` frames has truth.
     """
     chain = START
     with RunWriter(folder) as writer:
@@ -55,7 +56,7 @@ def write_drive(
             writer.add_frame(record, {"total": 1_000_000 + i})
             writer.add_boxes("detections", i, found)
             writer.add_boxes("tracks", i, found)
-            if has_truth:
+            if has_truth and i % every == 0:
                 truth = boxes3d(*places(i), label="car", ids=[float(n) for n in range(NUM_OBJECTS)])
                 writer.label_frame(i, Truth(i * STEP_NS, i * STEP_NS, truth, None))
         writer.write_json("faults.json", {"rows": [{"code": "LOG001", "count": 2, "places": []}], "lost": 0})

@@ -19,6 +19,7 @@ from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import Manifest
 
 CLEAR = "clear"
+OTHER = " -> "  # Between the names of two pipelines that are compared with each other
 LEAST_SCENES = 12
 """From so many on, whole scenes are resampled: of fewer, no test could tell a difference (2^-11 is 1/2048)."""
 

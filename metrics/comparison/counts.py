@@ -102,7 +102,7 @@ def count_frames(run: Run, options: ScoreOptions) -> FrameCounts:
         candidates = compare_class(view.sequence, group, view.match)
         judged = judge_detections(candidates if part is None else candidates.select(part))
         place = ("detection", group.name, "all" if part is None else part.name, view.key.matching)
-        found[place] = _add_up(judged, frames)
+        found[place] = count_outcomes(judged, frames)
     for view, group, part in _tracks(shared, options):
         place = ("tracking", group.name, "all" if part is None else part.name, view.key.matching)
         found[place] = _count_tracks(view, group, part, frames)
@@ -135,8 +135,8 @@ def _classes(spaces: Sequence[View], has_labels: bool) -> Iterator[tuple[View, G
         yield from ((spaces[0], label_group(label)) for label in LABELS if label in met)
 
 
-def _add_up(judged: Judgement, frames: Int64) -> Int64:
-    """Hits, false alarms and misses (F, 3) of each frame."""
+def count_outcomes(judged: Judgement, frames: Int64) -> Int64:
+    """Count hits, false alarms and misses (F, 3) of each of the frames, whose indices (F,) ascend."""
     c = judged.candidates
     truth, estimates = _frames_of(c, frames)
     tp = np.bincount(estimates[judged.outcome == Outcome.HIT], minlength=len(frames))
@@ -162,7 +162,7 @@ def _count_tracks(view: View, group: Group, part: Part | None, frames: Int64) ->
     switches, right = (
         np.bincount(truth[r], minlength=len(frames)) for r in (rows, identified(problem, view.match.floor))
     )
-    return np.column_stack([_add_up(judged, frames), switches, right]).astype(np.int64)
+    return np.column_stack([count_outcomes(judged, frames), switches, right]).astype(np.int64)
 
 
 def _switched(truth_id: Int64, estimate_of: Int64, judged: Judgement, has_id: Bool) -> Int64:

@@ -7,9 +7,10 @@ from itertools import pairwise
 import numpy as np
 
 from fbench.metrics.comparison.cells import CellPair
+from fbench.metrics.comparison.counts import count_outcomes
 from fbench.metrics.comparison.objects import Event, Kind, find_divergence, join_events, name_sensors
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.slices import Group, ground_range
+from fbench.metrics.core.slices import RANGES_M, Group, by_range, ground_range
 from fbench.metrics.detection.outcomes import Judgement, Outcome, compare_class, judge_detections
 from fbench.metrics.runs.columns import objects_of
 from fbench.metrics.runs.places import ground_points, has_poses
@@ -18,7 +19,7 @@ from fbench.metrics.tracking.clear_events import SWITCH
 from fbench.metrics.tracking.scores import follow_tracks
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import LABELS, Boxes2D, Boxes3D, finite
 from fbench.replay.data.comparison import Comparison, ObjectChange, Row, State, Verdict
 from fbench.replay.data.sequences import Objects, Steps
@@ -32,12 +33,15 @@ _SMOOTH = 5  # Frames over which a track is smoothed
 _BREAK_FRAMES, _BREAK_M = 3, 2.0  # A track that ends and another that begins so soon and near are one object
 _VANISH_M = 40.0  # Nearer than this, an object doesn't vanish by itself
 _LEAST_FRAMES = 5  # Of a track that is looked at
+_LONG_FRAMES = 10  # A track of so many is rarely a false alarm
+_SWITCH_FRAMES = 5.0  # Frames without the object that are as bad as a switch
+_NEAR_M, _FAR_M = 10.0, 50.0  # Nearer ones don't count more; where the distance isn't known
 _MOST_OBJECTS = 100
 
 
 def compare_by_base(pairs: Sequence[CellPair], notes: tuple[str, ...], failures: tuple[str, ...]) -> Comparison:
-    """Take the results of the base for truth: nothing is better or worse, only changed. Objects come first that are
-    near and seen for long. Raises MetricError where a side is a baseline, or one works in images and the other in
+    """Take the results of the base for truth: nothing is better or worse, only changed. Objects come first that matter
+    most, see `_weigh`. Raises MetricError where a side is a baseline, or one works in images and the other in
     space.
     """
     rows: list[Row] = []
@@ -46,12 +50,24 @@ def compare_by_base(pairs: Sequence[CellPair], notes: tuple[str, ...], failures:
         if pair.base.run is None or pair.head.run is None:
             raise MetricError(f"{pair.name}: a baseline file holds no boxes; compare with the run itself")
         rows += _rows(pair, pair.base.run, pair.head.run)
-        objects += _objects(pair, pair.base.run, pair.head.run)
-    objects.sort(key=lambda change: (-change.num_frames / max(change.range_m or 50.0, 5.0), change.cell, str(change)))
+        objects += rank_changes(pair.base.run, pair.head.run, str(pair.name))
+    objects.sort(key=_rank)
     divergences = tuple(found for pair in pairs if (found := find_divergence(pair)) is not None)
     state: State = "failed" if failures else "passed" if divergences else "identical"
     first = tuple(objects[:_MOST_OBJECTS])
     return Comparison(tuple(rows), 0.0, state, failures, notes, divergences, first, (), without_labels=True)
+
+
+def count_agreement(run: Run, other: Run) -> tuple[Int64, Int64]:
+    """Count hits, false alarms and misses (F, 3) of each frame's detections with those of another pipeline for truth;
+    and return the indices (F,) of these frames, which both runs have. Raises MetricError where one has boxes in images.
+    """
+    sequence = _beside(other, run, other.detections, run.detections)
+    judged = judge_detections(compare_class(sequence, _ANY, _match(isinstance(run.detections.boxes, Boxes2D))))
+    own = {frame.stamp_ns: frame.index for frame in run.frames}
+    both = [(f.index, own[f.stamp_ns]) for f in other.frames if f.stamp_ns in own]
+    others, index = np.array(both, np.int64).reshape(-1, 2).T
+    return count_outcomes(judged, others), index
 
 
 def _rows(pair: CellPair, base: Run, head: Run) -> Iterator[Row]:
@@ -59,20 +75,25 @@ def _rows(pair: CellPair, base: Run, head: Run) -> Iterator[Row]:
     flat = isinstance(base.detections.boxes, Boxes2D)
     matching = f"iou {_IOU:g}" if flat else f"bev {_DISTANCE_M:g} m"
 
-    def row(metric: str, unit: str, one: float | None, two: float | None, why: str) -> Row:
+    def row(metric: str, unit: str, one: float | None, two: float | None, why: str, part: str = "all") -> Row:
         delta = None if one is None or two is None else two - one
         verdict: Verdict = "null" if delta is None else "same" if delta == 0 else "changed"
-        return Row(*names, metric, "any", "all", matching, unit, one, two, delta, verdict, "", why, better="neither")
+        return Row(*names, metric, "any", part, matching, unit, one, two, delta, verdict, "", why, better="neither")
 
     tables = [("detections", base.detections, head.detections)]
     if base.manifest.has_tracks and head.manifest.has_tracks:
         tables.append(("tracks", base.tracks, head.tracks))
     for what, one, two in tables:
         sequence = _beside(base, head, one, two)
-        n = judge_detections(compare_class(sequence, _ANY, _match(flat))).counts
-        num = 2 * n.tp + n.fp + n.fn
-        value = 2 * n.tp / num if num else None
-        yield row(f"agreement_{what}", "1", 1.0 if value is not None else None, value, f"{n.fn} lost, {n.fp} new boxes")
+        candidates = compare_class(sequence, _ANY, _match(flat))
+        parts = list(by_range(sequence, RANGES_M[-1])) if what == "detections" else []
+        for part in (None, *parts):
+            n = judge_detections(candidates if part is None else candidates.select(part)).counts
+            num = 2 * n.tp + n.fp + n.fn
+            value = 2 * n.tp / num if num else None
+            why = f"{n.fn} lost, {n.fp} new boxes"
+            one_of = 1.0 if value is not None else None
+            yield row(f"agreement_{what}", "1", one_of, value, why, "all" if part is None else part.name)
     if len(tables) == 2:
         switches = float((_follow(base, head)[2].event & SWITCH != 0).sum())
         yield row("identity_changes", "1", 0.0, switches, "how often an object of the base changes its track")
@@ -120,30 +141,59 @@ def _follow(base: Run, head: Run) -> tuple[Judgement, Problem, ClearPairs]:
     return follow_tracks(_beside(base, head, base.tracks, head.tracks), _ANY, _match(flat))
 
 
-def _objects(pair: CellPair, base: Run, head: Run) -> Iterator[ObjectChange]:
-    """Yield objects that only one side has: by tracks, where both have them, as those have names."""
+def _rank(change: ObjectChange) -> tuple[float, str, str]:
+    return -(change.weight or 0.0), change.cell, str(change)
+
+
+def rank_changes(base: Run, head: Run, cell: str = "") -> list[ObjectChange]:
+    """Return objects that only one side has, and those of the base that change their track in the head, those first
+    that matter most: near and for long, see `_weigh`. By tracks, where both have them, as those have names.
+    """
     if not (base.manifest.has_tracks and head.manifest.has_tracks):
-        return
-    judged, _, _ = _follow(base, head)
+        return []
+    judged, _, pairs = _follow(base, head)
     c, frame = judged.candidates, judged.candidates.sequence.steps.frame
     found = np.zeros(len(c.truth_row), bool)
     found[judged.truth_of_estimate[judged.truth_of_estimate >= 0]] = True
-    sides: tuple[tuple[Kind, Objects, Int64, str], ...] = (
-        ("LOST", c.truth, np.flatnonzero(~found), "base"),
-        ("FOUND", c.estimates, np.flatnonzero(judged.outcome == Outcome.FALSE_ALARM), "head"),
+    hit = judged.outcome != Outcome.FALSE_ALARM
+    switched = (pairs.event & SWITCH) != 0
+    sides: tuple[tuple[Kind, Objects, Bool, Int64, str], ...] = (
+        ("LOST", c.truth, found, np.flatnonzero(~found), "base"),
+        ("FOUND", c.estimates, hit, np.flatnonzero(~hit), "head"),
+        ("NEW SWITCH", c.truth, found, np.flatnonzero(switched), "base"),
     )
     records = {record.index: record for record in base.frames}
-    events = []
-    for kind, objects, rows, who in sides:
+    events, weights = list[Event](), dict[tuple[Kind, int], float]()
+    for kind, objects, is_shared, rows, who in sides:
         ranges = ground_range(objects)
+        weights |= {(kind, i): w for i, w in _weigh(kind, objects.track_id, is_shared).items()}
         for row in rows.tolist():
             sources = "" if objects.sources is None else name_sensors(int(objects.sources[row]))
             index = int(frame[objects.step[row]])
             gone = ", ".join(f"no {name}" for name in records[index].missing) if kind == "LOST" else ""
             why = "; ".join(part for part in (gone, f"{sources or who} had it") if part)
+            why = "base kept its track" if kind == "NEW SWITCH" else why
             far = np.nan if ranges is None else float(ranges[row])
             events.append(Event(kind, int(objects.track_id[row]), str(objects.label[row]), "", index, far, why))
-    yield from join_events(events, str(pair.name), records)
+    ranked = []
+    for change in join_events(events, cell, records):
+        track = -1 if change.track_id is None else change.track_id
+        near = _NEAR_M / max(change.range_m or _FAR_M, _NEAR_M)
+        weight = change.num_frames * near * weights.get((change.kind, track), 1.0)
+        ranked.append(replace(change, weight=weight))
+    return sorted(ranked, key=_rank)
+
+
+def _weigh(kind: Kind, track_id: Int64, is_shared: Bool) -> dict[int, float]:
+    """Return how much a frame of a change of each track counts, by its id: less for the new than for what is lost, and
+    for tracks of few frames, which may be false alarms; more where both sides have the object at other times, so that
+    it is there and vanishes in view. A switch counts as several frames.
+    """
+    ids, at, frames = np.unique(track_id, return_inverse=True, return_counts=True)
+    shared = np.bincount(at, is_shared, minlength=len(ids))
+    weight = np.where(shared > 0, 2.0, 1.0) * np.minimum(frames / _LONG_FRAMES, 1.0)
+    weight *= {"LOST": 1.0, "FOUND": 0.5}.get(kind, _SWITCH_FRAMES)
+    return dict(zip(ids.tolist(), weight.tolist(), strict=True))
 
 
 _STEADINESS: Mapping[str, tuple[str, str]] = {
@@ -184,11 +234,12 @@ def measure_steadiness(run: Run) -> dict[str, float | None]:
     breaks = vanished = 0
     for track in tracks:
         end = int(track.frame[-1])
-        if len(track.frame) < _LEAST_FRAMES or end in ends:
+        if end in ends:
             continue
         near = any(0 < f - end <= _BREAK_FRAMES and np.hypot(*(xy - track.xy[-1])) <= _BREAK_M for f, xy in starts)
         breaks += near
-        vanished += not near and bool(track.range_m[-1] < _VANISH_M)
+        is_long = len(track.frame) >= _LEAST_FRAMES
+        vanished += is_long and not near and bool(track.range_m[-1] < _VANISH_M)
     counts = {"flicker": float(flicker), "identity_breaks": float(breaks), "vanished": float(vanished)}
     return {"deviation_m": _rms(away), "jerk_mps3": _rms(jerks), **counts}
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.comparison.cells import CellPair, add_units
+from fbench.metrics.comparison.cells import OTHER, CellPair, add_units
 from fbench.metrics.comparison.counts import Place, metrics_of
 from fbench.metrics.comparison.inference import ErrorRates, Inference, PairedUnits, adjust_discoveries, adjust_holm
 from fbench.metrics.core.slices import VEHICLE
@@ -44,8 +44,10 @@ class Rule:
             raise ConfigError(f"tolerance {self.tolerance}: expected a number from 0 on")
 
     def holds_for(self, group: tuple[str, str], key: Key, own: str) -> bool:
-        """Tell whether it is about a number of a pipeline and condition, whose own space is `own`."""
-        names = (*group, *key[:3])
+        """Tell whether it is about a number of a pipeline and condition, whose own space is `own`. Where pipelines
+        differ, that of the head counts.
+        """
+        names = (group[0].rpartition(OTHER)[2], group[1], *key[:3])
         patterns = (self.pipeline, self.condition, self.metric, self.class_, self.slice)
         fits = all(name == p or fnmatchcase(name, p) for name, p in zip(names, patterns, strict=True))
         return fits and (self.space == "all" or key[3] == own)
@@ -93,8 +95,8 @@ class Judge:
 
     def judge(self, pairs: Sequence[CellPair]) -> tuple[list[Row], list[Rule]]:
         """Return all numbers with their verdicts, pipeline by pipeline and condition by condition; and the rules that
-        are about none of them. Of several rules for one number the first counts. Raises MetricError where the two sides
-        have neither F1 nor MOTA in common, or nothing was measured.
+        are about none of them that has a value. Of several rules for one number the first counts. Raises MetricError
+        where the two sides have neither F1 nor MOTA in common, or nothing was measured.
         """
         groups: dict[tuple[str, str], list[CellPair]] = {}
         for pair in pairs:
@@ -105,7 +107,7 @@ class Judge:
         p = dict(zip(map(id, gating), adjust_holm([n.found.p or 0.0 for n in gating]), strict=True))
         p |= zip(map(id, informing), adjust_discoveries([n.found.p or 0.0 for n in informing]), strict=True)
         rows = [self._row(number, p.get(id(number), number.found.p), max(len(gating), 1)) for number in numbers]
-        used = {id(number.rule) for number in numbers}
+        used = {id(number.rule) for number in numbers if number.base is not None or number.head is not None}
         return rows, [rule for rule in self.rules if id(rule) not in used]
 
     def _numbers(self, group: tuple[str, str], pairs: Sequence[CellPair]) -> Iterator[_Number]:

@@ -43,6 +43,11 @@ class Row:
         return bool(self.gate)
 
     @property
+    def values(self) -> str:
+        """Both values, for people: `0.395 -> 0.369`."""
+        return " -> ".join("none" if value is None else f"{value:.4g}" for value in (self.base, self.head))
+
+    @property
     def name(self) -> str:
         """What it is about, in one line."""
         parts = (self.metric, self.class_, *([self.slice] if self.slice != "all" else []), self.matching)
@@ -64,6 +69,7 @@ class ObjectChange:
     num_frames: int
     range_m: float | None  # Mean, in the ground plane
     why: str
+    weight: float | None = None  # Without labels: how much it matters, in frames of a near object
 
     def __str__(self) -> str:
         name = f"{self.label or 'object'}{'' if self.track_id is None else f' #{self.track_id}'}"
@@ -128,16 +134,20 @@ class Comparison:
         """The verdict in one line."""
         if self.state == "identical":
             return "identical: all outputs have equal digests"
-        bad = [row for row in self.gating if row.verdict in ("REGRESSED", "gone", "null")]
+        bad = [row for row in self.gating if row.verdict in ("REGRESSED", "gone")]
         if self.state == "failed" and bad:
             more = f" and {len(bad) - 1} more" if len(bad) > 1 else ""
             return f"REGRESSED: {bad[0].name}{more}"
         if self.state == "failed":
             return f"FAILED: {self.failures[0] if self.failures else 'inconclusive, which the policy fails'}"
         open_ = [row for row in self.gating if row.verdict == "INCONCLUSIVE"]
+        others = sum(row.verdict == "REGRESSED" and not row.gate for row in self.rows)
+        more = f"; {others} without a gate REGRESSED" if others else ""
         if self.state == "inconclusive":
-            return f"INCONCLUSIVE: {len(open_)} of {len(self.gating)} gating numbers need more data"
-        return "changed, which is neither better nor worse without labels" if self.without_labels else "no regression"
+            return f"INCONCLUSIVE: {len(open_)} of {len(self.gating)} gating numbers need more data{more}"
+        if self.without_labels:
+            return "changed, which is neither better nor worse without labels"
+        return f"no regression of what gates{more}" if others else "no regression"
 
     def content(self) -> dict[str, Any]:
         """Return it as plain data for JSON: equal comparisons give equal bytes."""

@@ -9,7 +9,7 @@ def annotations(comparison: Comparison) -> list[str]:
     """Return workflow commands of GitHub: an error for each failure, a warning for each number that needs more data."""
     lines = [_command("error", "fbench budget", failure) for failure in comparison.failures]
     for row in comparison.gating:
-        said = f"{row.name}: {row.base} -> {row.head}; {row.reason}"
+        said = f"{row.name}: {row.values}; {row.reason}"
         if row.verdict == "REGRESSED":
             lines.append(_command("error", f"fbench: {row.metric} REGRESSED", said))
         elif row.verdict == "INCONCLUSIVE":

@@ -20,7 +20,7 @@ def junit(comparison: Comparison) -> str:
         for row in rows:
             test = f"{row.metric} of {row.class_}, {row.slice}, {row.matching}"
             case = ElementTree.SubElement(suite, "testcase", name=_clean(test), classname=_clean(name), time="0")
-            said = f"{row.verdict}: {row.base} -> {row.head}; {row.reason}"
+            said = f"{row.verdict}: {row.values}; {row.reason}"
             if row.verdict == "REGRESSED" or (row.verdict == "INCONCLUSIVE" and fails_open):
                 _count(suite, "failures")
                 failure = ElementTree.SubElement(case, "failure", message=_clean(said), type=row.verdict)

@@ -121,6 +121,7 @@ def test_scores_by_other_rules_are_refused(runs: Path, tmp_path: Path) -> None:
             "failed",
             "no number fits the gate of f1, vehicle, all, fog*",
         ),
+        ('[[gate]]\nmetric = "f1"\nslice = "range 0-10 m"\n', "failed", "range 0-10 m, or none has a value"),
         ('[budget]\nfaults = {LOG001 = 1}\n[[gate]]\nmetric = "f1"\ntolerance = 1.0', "failed", "2 faults LOG001"),
         ('[budget]\nmin_coverage = 0.5\n[[gate]]\nmetric = "f1"\ntolerance = 1.0', "passed", ""),
         ('[latency]\nmax_ratio = 2.0\n[[gate]]\nmetric = "f1"\ntolerance = 1.0', "failed", "1 repeat, at least 5"),
@@ -130,6 +131,15 @@ def test_rules_of_a_policy(runs: Path, policy: str, state: str, said: str) -> No
     found = compare(runs / "base", runs / "worse", policy)
     assert found.state == state
     assert said in " ".join([*found.failures, *(r.reason for r in found.gating)])
+
+
+def test_what_regresses_without_a_gate_is_in_the_headline(runs: Path) -> None:
+    found = compare(runs / "base", runs / "worse", '[[gate]]\nmetric = "precision"\nkind = "absolute"\n')
+    assert found.state == "passed"
+    num = sum(r.verdict == "REGRESSED" for r in found.rows)
+    assert found.headline == f"no regression of what gates; {num} without a gate REGRESSED"
+    nothing = compare(runs / "base", runs / "noop", '[[gate]]\nmetric = "f1"\nslice = "range 0-10 m"\n')
+    assert nothing.headline.startswith("FAILED: no number fits the gate of f1, vehicle, range 0-10 m, or none")
 
 
 def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:

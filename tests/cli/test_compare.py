@@ -44,7 +44,9 @@ def test_without_labels_the_base_is_the_reference(fbench, runs):
     result = fbench("compare", runs / "dark", runs / "dark-worse", "--reference", "base", "--json")
     assert result.code == 0
     found = result.json()
-    rows = {row["metric"]: row for row in found["rows"]}
+    rows = {row["metric"]: row for row in found["rows"] if row["slice"] == "all"}
+    near = {row["slice"]: row["head"] for row in found["rows"] if row["metric"] == "agreement_detections"}
+    assert (near["range 10-20 m"], near["range 20-30 m"]) == (pytest.approx(400 / 440), 1.0)
     assert rows["agreement_detections"]["head"] == pytest.approx(2 * 440 / (480 + 440))
     assert rows["agreement_detections"]["verdict"] == "changed"
     first = found["objects"][0]
@@ -95,3 +97,32 @@ def test_examples_for_ci_say_what_the_program_takes(fbench):
             assert "--policy gate.toml" in command
             assert all(word in options for word in command.split() if word.startswith("--"))
     assert gitlab["perception"]["artifacts"]["reports"] == {"junit": "gate.xml", "metrics": "metrics.txt"}
+
+
+def test_other_pipelines_narrow_intervals_of_few_labels(fbench, runs, tmp_path):
+    write_drive(tmp_path / "few", some(0.3, 5), every=3)
+    write_drive(tmp_path / "like", some(0.03, 6), has_truth=False, pipeline="late3d")
+    words = ("score", tmp_path / "few", "--control", tmp_path / "like")
+    found = fbench(*words, "--json").json()
+    assert (found["recall"]["num_labeled"], found["recall"]["num_frames"]) == (40, 120)
+    assert found["recall"]["plain"]["value"] == pytest.approx(
+        1 - sum(i % 3 == 0 for i, _ in some(0.3, 5)) / 160, abs=1e-6
+    )
+    assert found["recall"]["gain"] > 0.3
+    text = fbench(*words).out
+    assert "40 of 120 frames are labeled" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (("base", "--control", "worse"), 3, "every frame is labeled"),
+        (("base", "--control", "worse", "--range-m", "30"), 2, "doesn't go with --control"),
+        (("--control", "worse"), 2, "what is to be scored?"),
+        (("base", "--control", "nowhere"), 2, "no such run folder"),
+    ],
+)
+def test_wrong_controls_are_one_line(fbench, runs, words, code, said):
+    found = fbench("score", *(runs / w if w in ("base", "worse", "nowhere") else w for w in words))
+    assert (found.code, said in found.err) == (code, True)
+    assert found.err.count("\n") == 1
