@@ -15,7 +15,7 @@ from fbench.replay.geometry.transforms import wrap_angle
 NEVER = -np.inf
 FEWEST = 3  # With fewer points of a cluster in its box a camera and the cluster have nothing to do with each other
 _LEAST_SHARE = 0.05
-_TAILS = 3.0
+TAILS = 3.0  # Degrees of freedom of the errors of distances guessed from images
 _SHAPELESS, _SHAPELY = 0.5, 10.0
 _UNLIKE = float(np.log(_SHAPELESS))
 _LOOKS_WHOLE = 0.3
@@ -128,8 +128,8 @@ def _near_side_ratios(
     half = np.array([s.half_rad for s in seen])[:, None]
     aside = np.hypot(half / 2, np.hypot(params.bearing_std_rad, bearing_std_rad))
     off = np.log(np.maximum(inside.near_m, 0.1) / near) / std
-    # Minus twice the logarithm of Student's density with `_TAILS` degrees of freedom, 0 at its middle.
-    heavy = np.asarray((_TAILS + 1) * np.log1p(off**2 / _TAILS), np.float64)
+    # Minus twice the logarithm of Student's density with `TAILS` degrees of freedom, 0 at its middle.
+    heavy = np.asarray((TAILS + 1) * np.log1p(off**2 / TAILS), np.float64)
     square = heavy + (inside.bearing_rad / aside) ** 2
     odds = [AT_MIN_SCORE / (1 - AT_MIN_SCORE) * (1 - s.score) / max(s.score, 1e-6) for s in seen]
     weakness = [0.0 if s.is_sure else max(0.0, float(np.log(o))) for s, o in zip(seen, odds, strict=True)]

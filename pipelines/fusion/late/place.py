@@ -1,12 +1,12 @@
 """Place, size and motion of an object, by all observations of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from fbench.pipelines.fusion.late.association import FEWEST, Association
+from fbench.pipelines.fusion.late.association import FEWEST, TAILS, Association
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, Clusters, edges_for_points
 from fbench.pipelines.fusion.sizes import HIGH_VAN_M, LONG_CAR_M, LONG_M, SIZES
 from fbench.pipelines.sensors.points.ground import Plane
@@ -79,10 +79,11 @@ def place(group: Association, seen: Observations, params: AssociationParams) -> 
         shape = _lidar_shape(group, seen, cameras, label)
     estimates = [] if shape is None else [_estimate(shape.xy_m, shape.yaw_rad, *shape.std_m.tolist())]
     alone = group.lidar < 0 and group.radar < 0
+    known = [xy for xy, _ in estimates] + ([] if radar_box is None else [radar_box.center_m[0, :2]])
     for i, s in zip(group.cameras, cameras, strict=True):
         measured = [] if group.lidar >= 0 else [(seen.obstacle_m[i], params.lidar_std_m)]
         measured += [(seen.standing_m[i], params.standing_std_m)] if alone else []
-        estimates.append(_camera_estimate(s, measured, params))
+        estimates.append(_camera_estimate(_doubt_distance(s, known), measured, params))
     size, yaw = _size_and_yaw(shape, cameras, radar_box)
     if radar_box is not None:
         # Only LiDAR's class says how long it is: what cameras call a truck may be a van.
@@ -213,6 +214,18 @@ def _camera_estimate(
         aside = float(np.hypot(aside, s.size_lwh_m[0] / 3))
     xy = s.eye_m[:2] + forward * reach + left * s.beside_m
     return _estimate(xy, s.bearing_rad, float(np.hypot(std * near, 0.1 * s.size_lwh_m[0])), aside)
+
+
+def _doubt_distance(s: CameraObservation, known: Sequence[Float64]) -> CameraObservation:
+    """The same with an error of its guessed distance that fits the middles (2,) [m] of what LiDAR and radar see.
+
+    Guesses are far off now and then, so they weigh as in a mean of Student's t (Lange et al., JASA 84, 1989).
+    """
+    if not known:
+        return s
+    reach = float(np.mean([np.hypot(*(xy - s.eye_m[:2])) for xy in known]))
+    off = np.log(max(reach - s.depth_m, 0.1) / s.near_m) / s.std
+    return replace(s, std=s.std * max(1.0, float((TAILS + off**2) / (TAILS + 1))) ** 0.5)
 
 
 def _radar_estimate(box: Boxes3D, size: Float64, yaw_rad: float, params: AssociationParams) -> _Estimate:

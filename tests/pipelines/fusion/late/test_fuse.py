@@ -48,6 +48,17 @@ def test_points_correct_what_the_image_guesses():
     assert found.center_m[0, 0] == pytest.approx(20, abs=0.2)
 
 
+def test_a_box_that_guesses_another_distance_does_not_move_what_lidar_and_radar_see():
+    """A camera by night takes the light about a car for a nearer, larger one."""
+    box = car(28.0)
+    ((left, top, right, bottom),) = outline(box).xyxy_px
+    large = replace(outline(box), xyxy_px=np.array([[left - 80, top - 64, right + 80, bottom + 160]]))
+    assert fuse(seen(large), PARAMS).center_m[0, 0] < 12.0
+    found = fuse(seen(large, lidar_view(box), radar_view(box)), PARAMS)
+    assert found.sources.tolist() == [7]
+    assert found.center_m[0, 0] == pytest.approx(28.0, abs=0.5)
+
+
 def test_standing_echoes_confirm_but_give_no_velocity():
     box = car(20.0)
     found = fuse(seen(outline(box), None, standing_view(box)), PARAMS)
