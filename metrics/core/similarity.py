@@ -13,6 +13,7 @@ from fbench.replay.data.sequences import Objects, are_finite
 from fbench.replay.geometry.iou import comparable, flat_iou
 
 MAX_PAIRS = MAX_BOXES**2  # Of truth and estimates in one step: so many of each fit into memory several times
+MAX_PAIRS_IN_ALL = 100 * MAX_PAIRS  # Of a sequence: each takes about 100 byte while it is scored
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +125,19 @@ def image_overlaps(truth: Objects, estimates: Objects, num_steps: int, region: B
 def _starts(truth: Objects, estimates: Objects, num_steps: int) -> tuple[Int64, Int64, Int64]:
     starts = truth.starts(num_steps), estimates.starts(num_steps)
     rows, columns = np.diff(starts[0]), np.diff(starts[1])
+    advice = "leave out results with low scores"
     if (over := np.flatnonzero(rows * columns > MAX_PAIRS)).size:
         sides = f"{rows[over[0]]} truth boxes and {columns[over[0]]} results"
-        limit = f"more than {MAX_PAIRS} pairs; leave out results with low scores"
+        limit = f"more than {MAX_PAIRS} pairs; {advice}"
         raise LimitError(f"frame number {over[0]} of the sequence: {sides} to compare, {limit}", "LIM005")
-    return *starts, block_starts(*starts)
+    of_blocks = block_starts(*starts)
+    if of_blocks[-1] > MAX_PAIRS_IN_ALL:
+        num = f"{of_blocks[-1]} pairs of truth boxes and results to compare"
+        raise LimitError(
+            f"the {num_steps} frames of the sequence: {num}, more than {MAX_PAIRS_IN_ALL}; {advice}, or split the log",
+            "LIM005",
+        )
+    return *starts, of_blocks
 
 
 def _rectangles(objects: Objects) -> Float64:

@@ -240,6 +240,13 @@ def test_an_isolated_plugin_that_fails_elsewhere_is_one_line(fbench, log, monkey
     assert not list(Path().glob(".run*"))
 
 
+@pytest.mark.parametrize("name", ["track", "recorded:/detections"])
+def test_pipelines_that_read_the_log_themselves_are_not_isolated(fbench, log, name):
+    result = fbench("replay", log, "-p", name, "-o", "run", "--isolate")
+    line = f"fbench: pipeline '{name}' reads the log itself, so it can't be isolated; leave out --isolate\n"
+    assert (result.code, result.err) == (2, line)
+
+
 def test_an_isolated_file_is_never_imported_here(fbench, log):
     Path("deadly.py").write_text("import os\nos._exit(0)\n")
     result = fbench("replay", log, "-p", "deadly.py:Any", "-o", "run", "--isolate", "--detect-every", "2")

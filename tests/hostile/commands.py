@@ -26,7 +26,7 @@ from fbench.replay.contracts.errors import EXIT_DATA, FbenchError
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
-_MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "results.md", "report.html"}
+_MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "latency.md", "report.html"}
 _NEWPID = 0x20000000  # CLONE_NEWPID of <sched.h>
 _LIBC = ctypes.CDLL(None, use_errno=True)
 

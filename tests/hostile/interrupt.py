@@ -1,7 +1,8 @@
 """Kill commands at random instants, fill their disk, and take the right to write from their folder, in the middle.
 
-`python -m tests.hostile.interrupt --kills 200 --full 25 --locked 25` says what was tried and what went wrong, and keeps
-the numbers in `interrupts.json`, for docs/faults.md; exit code 1 where something did.
+`python -m tests.hostile.interrupt --kills 200 --full 50 --locked 50` goes on where the last run ended, until so many
+were interrupted while they ran. It says what was tried and what went wrong, and keeps the numbers in `interrupts.json`,
+for docs/faults.md; exit code 1 where something did.
 """
 
 import argparse
@@ -22,7 +23,7 @@ from pathlib import Path
 
 from tests.hostile.commands import COMMANDS, Command, can_contain, prepare, run
 from tests.hostile.damage import Random
-from tests.hostile.run import INTERRUPTS, PAGE, TALLY, page, read_counts
+from tests.hostile.run import FINISHED, INTERRUPTS, PAGE, TALLY, num_running, page, read_counts
 
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.files import replace_text
@@ -48,13 +49,18 @@ class Trial:
         for name in names:
             for _ in range(2):
                 place = self.empty()
-                start = time.monotonic()
-                code = run(COMMANDS[name], place).wait()
+                code = self.run_whole(name, place)
                 assert code == 0, f"{name}: {code}: {self.stderr()}"
-                self.taken_s[name] = time.monotonic() - start
             self.wanted[name] = COMMANDS[name].digest(place)
             shutil.copytree(place, self.folder / "kept" / name)
             assert self.wanted[name], name
+
+    def run_whole(self, name: str, place: Path) -> int:
+        """Run a command undisturbed; how long it takes now says when the next is disturbed, on a busy machine, too."""
+        start = time.monotonic()
+        code = run(COMMANDS[name], place).wait()
+        self.taken_s[name] = time.monotonic() - start
+        return code
 
     def empty(self) -> Path:
         """An empty folder beside what the commands read."""
@@ -75,7 +81,7 @@ class Trial:
 
     def finish(self, name: str, number: int, place: Path) -> None:
         """The command works without a hand, and makes what it makes undisturbed."""
-        code = run(COMMANDS[name], place).wait()
+        code = self.run_whole(name, place)
         if code:
             self.say(name, number, f"the next command ends with {code}")
         elif COMMANDS[name].digest(place) != self.wanted[name]:
@@ -96,29 +102,36 @@ class Trial:
             self.say(name, number, "what was there is gone")
 
 
-def kill(trial: Trial, name: str, number: int, random: Random) -> None:
-    """Kill a command, alone or with all that it started, now and then in a namespace of its own."""
+_KILLED = (-signal.SIGKILL, 128 + signal.SIGKILL)
+
+
+def kill(trial: Trial, name: str, number: int, random: Random) -> bool:
+    """Kill a command, alone or with all that it started, now and then in a namespace of its own; `False` where it had
+    finished before.
+    """
     place, was_there = trial.empty(), bool(random.integers(2)) and COMMANDS[name].replaces
     if was_there:
         shutil.copytree(trial.folder / "kept" / name, place, dirs_exist_ok=True)
     is_contained = bool(random.integers(2)) and can_contain()
     child = run(COMMANDS[name], place, is_contained)
-    if child.ends_within(float(random.uniform(0, 1.05 * trial.taken_s[name]))):
-        trial.counts["finished before"] += 1
-    else:
+    if not child.ends_within(float(random.uniform(0, trial.taken_s[name]))):
         with suppress(ProcessLookupError):  # it may end just now
             if bool(random.integers(2)) and not is_contained:
                 os.killpg(child.number, signal.SIGKILL)
             else:
                 os.kill(child.command, signal.SIGKILL)
-    child.wait()
-    trial.counts[f"{'in a namespace' if is_contained else 'plainly'} killed"] += 1
+    is_killed = child.wait() in _KILLED
+    if is_killed:
+        trial.counts[f"{'in a namespace' if is_contained else 'plainly'} killed"] += 1
     trial.require_whole(name, number, place, was_there)
     trial.finish(name, number, place)
+    return is_killed
 
 
-def disturb(trial: Trial, name: str, number: int, random: Random, how: Callable[[Path], object]) -> None:
-    """Let a command run into what `how` does at some instant: one line, 3 or 4, and what was there stays."""
+def disturb(trial: Trial, name: str, number: int, random: Random, how: Callable[[Path], object]) -> bool:
+    """Let a command run into what `how` does at some instant: one line, 3 or 4, and what was there stays; `False` where
+    it had finished before.
+    """
     place = trial.folder / "work"
     was_there = bool(random.integers(2)) and COMMANDS[name].replaces
     if was_there:
@@ -127,16 +140,19 @@ def disturb(trial: Trial, name: str, number: int, random: Random, how: Callable[
     if wait_s == 0:
         how(place)
     child = run(COMMANDS[name], place, before=drop_override)
-    if wait_s and not child.ends_within(wait_s):
+    is_running = wait_s == 0 or not child.ends_within(wait_s)
+    if wait_s and is_running:
         how(place)
     code, said = child.wait(), trial.stderr()
     lines = [line for line in said.splitlines() if line.startswith("fbench: ")]
-    trial.counts["finished before" if code == 0 else "refused"] += 1
+    if is_running:
+        trial.counts["finished all the same" if code == 0 else "refused"] += 1
     if code not in (0, 3, 4):
         trial.say(name, number, f"exit code {code}")
     if (code and len(lines) != 1 and name not in ("demo", "bench")) or "Traceback" in said:
         trial.say(name, number, "isn't told in one line")
     trial.require_whole(name, number, place, was_there)
+    return is_running
 
 
 def drop_override() -> None:
@@ -164,12 +180,12 @@ def small_disk(folder: Path, size: int) -> Iterator[bool]:
             subprocess.run(["umount", str(place)], check=True)
 
 
-def fill(trial: Trial, name: str, number: int, random: Random) -> None:
-    """A disk that is full, or becomes so."""
+def fill(trial: Trial, name: str, number: int, random: Random) -> bool:
+    """A disk that is full, or becomes so; `False` where the command had finished before."""
     with small_disk(trial.folder, 64 * 2**20) as is_permitted:
         if not is_permitted:
             trial.counts["skipped: no file system may be mounted"] += 1
-            return
+            return True
 
         def take_all(place: Path) -> None:
             free = os.statvfs(place)
@@ -178,13 +194,14 @@ def fill(trial: Trial, name: str, number: int, random: Random) -> None:
                 for _ in range(max(0, free.f_bavail * free.f_frsize - rest) // 4096):
                     file.write(bytes(4096))
 
-        disturb(trial, name, number, random, take_all)
+        is_running = disturb(trial, name, number, random, take_all)
         (trial.folder / "work" / "filler").unlink(missing_ok=True)
         trial.finish(name, number, trial.folder / "work")
+        return is_running
 
 
-def lock(trial: Trial, name: str, number: int, random: Random) -> None:
-    """Folders in which nothing may be written any more."""
+def lock(trial: Trial, name: str, number: int, random: Random) -> bool:
+    """Folders in which nothing may be written any more; `False` where the command had finished before."""
     place = trial.empty()
 
     def take_right(place: Path) -> None:
@@ -195,21 +212,24 @@ def lock(trial: Trial, name: str, number: int, random: Random) -> None:
             except FileNotFoundError:  # gone by now
                 pass
 
-    disturb(trial, name, number, random, take_right)
+    is_running = disturb(trial, name, number, random, take_right)
     for path in (place, *place.rglob("*")):
         if path.is_dir():
             path.chmod(0o755)
     trial.finish(name, number, place)
+    return is_running
 
 
-HOW: Mapping[str, Callable[[Trial, str, int, Random], None]] = {"kills": kill, "full": fill, "locked": lock}
+HOW: Mapping[str, Callable[[Trial, str, int, Random], bool]] = {"kills": kill, "full": fill, "locked": lock}
 
 
 Done = dict[str, dict[str, int]]
 
 
-def attempt(wanted: Mapping[str, int], names: list[str], seed: int, keep: Callable[[Done], object]) -> Done:
-    """Interrupt commands so many times each way; returns counts, which `keep` is given after each time, too."""
+def attempt(wanted: Mapping[str, int], names: list[str], seed: int, kept: Done, keep: Callable[[Done], object]) -> Done:
+    """Interrupt commands until so many were each way while they ran, those counted in `kept` among them; returns
+    counts, which `keep` is given after each time, too.
+    """
     done: Done = {}
     with tempfile.TemporaryDirectory() as folder:
         trial = Trial(Path(folder))
@@ -217,14 +237,15 @@ def attempt(wanted: Mapping[str, int], names: list[str], seed: int, keep: Callab
         trial.learn(names)
         turns = [name for name in names for _ in range(_PACE[name])]
         for how, num in wanted.items():
-            trial.counts.clear()
+            trial.counts, known_wrong = Counter(kept.get(how, {})), kept.get(how, {}).get("wrong", 0)
             trial.wrong.clear()
-            for number in range(num):
+            while num_running(trial.counts) < num:
+                number = sum(trial.counts[name] for name in COMMANDS)
                 random = generator(seed + number, "interrupt", how)
                 name = turns[int(random.integers(len(turns)))]
-                trial.counts[name] += 1
-                HOW[how](trial, name, number, random)
-                done[how] = {**dict(sorted(trial.counts.items())), "wrong": len(trial.wrong)}
+                is_running = HOW[how](trial, name, number, random)
+                trial.counts += Counter({name: 1, FINISHED: not is_running})
+                done[how] = {**dict(sorted(trial.counts.items())), "wrong": known_wrong + len(trial.wrong)}
                 keep(done)
         return done
 
@@ -241,11 +262,11 @@ def main() -> int:
 
     def keep(done: Done) -> None:
         if not given.dry:
-            kept = read_counts(INTERRUPTS)
-            replace_text(INTERRUPTS, json.dumps({**kept, **done}, indent=1, sort_keys=True) + "\n")
+            counts = {**read_counts(INTERRUPTS), **done}
+            replace_text(INTERRUPTS, json.dumps(counts, indent=1, sort_keys=True) + "\n")
 
     wanted = {how: getattr(given, how) for how in HOW if getattr(given, how)}
-    done = attempt(wanted, given.commands, given.seed, keep)
+    done = attempt(wanted, given.commands, given.seed, {} if given.dry else read_counts(INTERRUPTS), keep)
     if not given.dry:
         replace_text(PAGE, page(PAGE.read_text(), read_counts(TALLY), read_counts(INTERRUPTS)))
     sys.stdout.write(f"{json.dumps(done)}\n")

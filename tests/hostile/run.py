@@ -28,7 +28,7 @@ TALLY, PAGE = Path(__file__).parent / "tally.json", ROOT / "docs" / "faults.md"
 INTERRUPTS = TALLY.with_name("interrupts.json")  # What `tests.hostile.interrupt` keeps
 _COMMANDS = ("replay", "convert", "import", "report", "demo", "bench")
 BEGIN, END = "<!-- begin: what was tried -->\n", "<!-- end: what was tried -->\n"
-_BATCH = 2000  # Of which each begins with seconds of imports
+_BATCH = 5000  # Of which each begins with seconds of imports
 _MAX_CPU_S, _MAX_ASLEEP = 60, 30  # Without a word from a worker: in code that no signal interrupts, or that hangs
 _LOOK_S = 10
 Tally = dict[str, dict[str, int]]
@@ -116,16 +116,23 @@ INTERRUPTIONS = {
 }
 
 
+FINISHED = "finished before"  # Of those that are counted by the command's name
+
+
+def num_running(counts: Mapping[str, int]) -> int:
+    """How many commands were interrupted while they ran."""
+    return sum(num for name, num in counts.items() if name in _COMMANDS) - counts.get(FINISHED, 0)
+
+
 def interruption_table(counts: Mapping[str, Mapping[str, int]]) -> str:
     """The rows of docs/faults.md on commands that were interrupted."""
     lines = [
-        "| interruption | times | the command had finished before | something lost, half or unclear |",
+        "| interruption | while it ran | the command had finished before | something lost, half or unclear |",
         "|---|---:|---:|---:|",
     ]
     for how, what in INTERRUPTIONS.items():
         of = counts.get(how, {})
-        num = sum(n for name, n in of.items() if name in _COMMANDS)
-        lines.append(f"| {what} | {num} | {of.get('finished before', 0)} | {of.get('wrong', 0)} |")
+        lines.append(f"| {what} | {num_running(of)} | {of.get(FINISHED, 0)} | {of.get('wrong', 0)} |")
     return "".join(f"{line}\n" for line in lines)
 
 

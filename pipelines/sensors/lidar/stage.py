@@ -157,6 +157,7 @@ _LONGEST_M = 18.0  # No vehicle is longer
 _MOST = 0.8  # A cluster of which at least this share lies where the vehicle goes on is a part of it
 _SOLID = ("car", "van", "truck")  # What doesn't look like a column of points, as people and two-wheelers do
 _ROUNDS = 3  # The more of a side is known, the better its heading, and the more of it is found
+MAX_TRUCKS = 100  # The likeliest of a frame take other clusters: each looks at all points, and no road has as many
 _TURN_RAD = np.radians(np.arange(-10.0, 10.5, 1.0))
 
 
@@ -165,7 +166,7 @@ def complete_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
 
     Beams that graze a side hit it farther and farther apart, until each column of them is a cluster of its own. A
     cluster is taken if nearly all of it lies in line with the vehicle and no gap is wider than such columns are apart,
-    unless it looks more like a vehicle itself. Boxes get as long as what they took.
+    unless it looks more like a vehicle itself. Boxes get as long as what they took. At most `MAX_TRUCKS` take any.
     """
     boxes = view.boxes
     if boxes.label is None or boxes.score is None:
@@ -182,17 +183,19 @@ def complete_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
         height, top = view.xyz[:, 2] - view.plane.z_m(view.xyz[:, :2]), np.zeros(len(boxes) + 1)
         np.maximum.at(top, view.cluster, np.where(view.cluster >= 0, height, 0.0))
         high = top[view.cluster] > _HIGH_M
-    for at in rows[np.lexsort((rows, -score[rows]))].tolist():
+    first = np.searchsorted(view.cluster, np.arange(len(boxes) + 1))
+    for at in rows[np.lexsort((rows, -score[rows]))][:MAX_TRUCKS].tolist():
         box = Footprints(center[[at], :2], size[[at], :2], yaw[[at]])
         for _ in range(_ROUNDS if owner[at] == at else 0):
-            inside = _strip(view, high, view.cluster == at, box, viewpoint)
-            share = np.bincount(view.cluster[clustered & inside], minlength=len(boxes)) / np.maximum(total, 1)
+            inside = view.cluster[_strip(view, high, slice(first[at], first[at + 1]), box, viewpoint)]
+            share = np.bincount(inside[inside >= 0], minlength=len(boxes)) / np.maximum(total, 1)
             taken = (share >= _MOST) & (owner == numbers) & (numbers != at) & ~(is_solid & (score > score[at]))
             if not taken.any():
                 break
             owner[taken[owner]] = at
             # Around all its points, turned at most a little and at least as large as before.
-            xy = np.ascontiguousarray(view.xyz[clustered & (owner[view.cluster] == at), :2])
+            parts = [view.xyz[first[part] : first[part + 1], :2] for part in np.flatnonzero(owner == at)]
+            xy = np.concatenate(parts)
             rectangle = vehicle.fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, vehicle.NEAR_M)
             box = vehicle.complete_known(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
         center[at, :2], size[at, :2], yaw[at] = box.center_m[0], box.size_lw_m[0], box.yaw_rad[0]
@@ -204,21 +207,32 @@ def complete_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     return LidarView(view.plane, view.xyz[order], cluster[order], whole_boxes[kept])
 
 
-def _strip(view: LidarView, high: Bool, own: Bool, box: Footprints, viewpoint: Float64) -> Bool:
-    """Tell which points (N,) lie where a vehicle with points `own` goes on; `high`: what may be a truck's."""
+def _strip(view: LidarView, high: Bool, own: slice, box: Footprints, viewpoint: Float64) -> Int64:
+    """Rows (K,) of points that lie where a vehicle with points `own` goes on; `high`: what may be a truck's."""
     axis = np.concatenate([np.cos(box.yaw_rad), np.sin(box.yaw_rad)])
     if (box.center_m[0] - viewpoint) @ axis < 0:
         axis = -axis
-    left = np.array([-axis[1], axis[0]])
-    along, across = (view.xyz[:, :2] - viewpoint) @ axis, (view.xyz[:, :2] - viewpoint) @ left
-    near, far = float(along[own].min()), float(along[own].max())
-    beside = np.abs(across - (box.center_m[0] - viewpoint) @ left) < box.size_lw_m[0, 1] / 2 + _ASIDE_M
+    center_along, center_across = _turn(box.center_m - viewpoint, axis)[:, 0]
+    own_along, own_across = _turn(view.xyz[own, :2] - viewpoint, axis)
+    near, far, half = float(own_along.min()), float(own_along.max()), box.size_lw_m[0, 1] / 2 + _ASIDE_M
+    # All else is done with what is near: at most so far from the center.
+    reach = 1e-6 + np.hypot(max(center_along - near, far - center_along, near + _LONGEST_M - center_along), half)
+    (x, y), (at_x, at_y) = view.xyz[:, :2].T, box.center_m[0]
+    around = np.flatnonzero((np.abs(x - at_x) <= reach) & (np.abs(y - at_y) <= reach))
+    along, across = _turn(view.xyz[around, :2] - viewpoint, axis)
+    beside = np.abs(across - center_across) < half
     rows = np.flatnonzero(beside & (along > far) & (along < near + _LONGEST_M))
-    side = across[own][np.argmin(np.abs(across[own]))] * float((across[own] > 0).all() or (across[own] < 0).all())
-    on_side = (np.abs(across[rows] - side) < _OFF_SIDE_M) & (side != 0)
-    order = np.lexsort((~high[rows], ~on_side, along[rows]))
-    end = _end(along[rows][order], on_side[order], high[rows][order], far, float(side))
-    return np.asarray(beside & (along >= near) & (along <= end), np.bool_)
+    side = own_across[np.argmin(np.abs(own_across))] * float((own_across > 0).all() or (own_across < 0).all())
+    on_side, is_high = (np.abs(across[rows] - side) < _OFF_SIDE_M) & (side != 0), high[around[rows]]
+    order = np.lexsort((~is_high, ~on_side, along[rows]))
+    end = _end(along[rows][order], on_side[order], is_high[order], far, float(side))
+    inside: Int64 = around[beside & (along >= near) & (along <= end)]
+    return inside
+
+
+def _turn(xy: Float64, axis: Float64) -> Float64:
+    """How far points (N, 2) are along a direction (2,) and to its left, as (2, N); that of a point is its own."""
+    return np.stack([xy[:, 0] * axis[0] + xy[:, 1] * axis[1], xy[:, 1] * axis[0] - xy[:, 0] * axis[1]])
 
 
 def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> float:
@@ -230,8 +244,7 @@ def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> 
     last = end = last_high = far
     has_jumped = False
     for at, is_side, is_high in zip(along.tolist(), on_side.tolist(), high.tolist(), strict=True):
-        turn = abs(np.arctan2(side, last) - np.arctan2(side, at))
-        if at - last <= _GAP_M or (is_side and turn <= _COLUMN_RAD):
+        if at - last <= _GAP_M or (is_side and abs(np.arctan2(side, last) - np.arctan2(side, at)) <= _COLUMN_RAD):
             has_jumped |= at - last > _GAP_M
             last, last_high = at, at if is_high else last_high
             end = at if is_high or at - (last_high if has_jumped else end) <= _GAP_M else end

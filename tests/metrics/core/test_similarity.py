@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.core.similarity import MAX_PAIRS, blocks, image_overlaps
+from fbench.metrics.core.similarity import MAX_PAIRS, MAX_PAIRS_IN_ALL, blocks, image_overlaps
 from fbench.replay.contracts.errors import LimitError, MetricError
 from fbench.replay.contracts.profiles import SIMILARITY_KINDS, SimilarityKind
 from fbench.replay.data.arrays import Float64
@@ -176,3 +176,12 @@ def test_more_pairs_than_fit_into_memory_are_refused(kind: SimilarityKind) -> No
     assert caught.value.code == "LIM005"
     spread = np.arange(1001)  # one in each step: linear in the length of the log
     assert len(blocks(replace(many, step=spread), replace(many, step=spread), 1001, kind).values) == 1001
+
+
+def test_more_pairs_in_all_frames_than_fit_into_memory_are_refused() -> None:
+    crowd = objects((1.0, 2, 0, 4, 2, 1, 0), step=0)[np.zeros(101_000, np.int64)]
+    crowd = replace(crowd, step=np.repeat(np.arange(101), 1000))
+    line = "the 101 frames of the sequence: 101000000 pairs of truth boxes and results to compare, more than"
+    with pytest.raises(LimitError, match=f"{line} {MAX_PAIRS_IN_ALL}") as caught:
+        blocks(crowd, crowd, 101, "bev")
+    assert caught.value.code == "LIM005"

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.sensors.lidar.stage import LidarView, complete_trucks
+from fbench.pipelines.sensors.lidar.stage import MAX_TRUCKS, LidarView, complete_trucks
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.boxes import Boxes3D
 
@@ -181,3 +181,18 @@ def test_what_is_seen_under_a_truck_does_not_end_it(under):
     whole = complete_trucks(seen, EYE)
     assert len(whole.boxes) == 1
     assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(13.0)
+
+
+def test_as_many_trucks_as_no_road_has_are_completed_the_likeliest_first():
+    num = MAX_TRUCKS + 20
+    score = np.linspace(0.9, 0.3, num)
+    one, places = truck(stripes=[21.4]), np.column_stack([40.0 * np.arange(num), np.zeros(num)])
+    parts = [one.xyz[one.cluster == part][::4, :2] + place for place in places for part in (0, 1)]
+    centers = [center + place for place in places for center in one.boxes.center_m[:, :2]]
+    scores = np.column_stack([score, np.full(num, 0.1)]).ravel()
+    crowd = view(parts, ["truck", "pedestrian"] * num, scores, np.array(centers), [[8.5, 2.6, 3.3], [0.6] * 3] * num)
+    found = complete_trucks(crowd, np.array([-100.0, 0]))
+    assert (found.boxes.label == "truck").sum() == num
+    assert (found.boxes.label == "pedestrian").sum() == num - MAX_TRUCKS
+    left = found.boxes.center_m[found.boxes.label == "pedestrian", 0]
+    assert left == pytest.approx(21.7 + places[MAX_TRUCKS:, 0])
