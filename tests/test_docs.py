@@ -16,11 +16,11 @@ from glob import glob
 from pathlib import Path
 
 import pytest
-from tests.cli.conftest import circumstances
+from tests.cli.conftest import circumstances, in_this_process
 from tests.kept_cities import shared_cities
 from tests.program import fbench
 
-__all__ = ["circumstances"]
+__all__ = ["circumstances", "in_this_process"]
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -102,8 +102,9 @@ def _file(name: str) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", with_commands(), ids=lambda page: page.name)
-def test_commands_of_a_page_work(page, workplace, monkeypatch, capfd, circumstances):
-    circumstances("repeat")  # `test_verify` tries all
+def test_commands_of_a_page_work(page, workplace, monkeypatch, capfd, circumstances, in_this_process):
+    circumstances("repeat")  # `test_verify` tries all, in processes of their own
+    in_this_process()
     for body in (*blocks(page, "python"), *blocks(page, "toml")):
         if name := re.match(r"# (\S+\.(?:py|toml))\n", body):
             (workplace / name[1]).write_text(body)
