@@ -61,9 +61,19 @@ def workplace(tmp_path):
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     shared = ROOT.parent / "shared"
     for name, target in BESIDE.items():
-        if (shared / target).exists():
+        if name == "astyx":
+            link_first_frames(shared / target, tmp_path / name)
+        elif (shared / target).exists():
             (tmp_path / name).symlink_to(shared / target)
     return tmp_path
+
+
+def link_first_frames(recording: Path, folder: Path, num: int = 16) -> None:
+    """Of 47: `test_astyx_end_to_end` replays all."""
+    for kind in sorted(path for path in recording.glob("*") if path.is_dir()):
+        (folder / kind.name).mkdir(parents=True)
+        for file in sorted(kind.iterdir())[:num]:
+            (folder / kind.name / file.name).symlink_to(file)
 
 
 def exit_code(command: str) -> int:
