@@ -45,8 +45,8 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def kernel_part(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile `function` as `kernel` does, for other kernels alone: a fifth of the time goes into what lets Python call
-    it. Called from Python, it raises TypeError.
+    """Compile `function` as `kernel` does, but for other kernels alone: what lets Python call it takes long to compile,
+    too. Called from Python, it raises TypeError.
     """
     compiled: Callable[P, R] = numba.njit(**_OPTIONS, no_cpython_wrapper=True)(function)
     if isinstance(compiled, Dispatcher):
