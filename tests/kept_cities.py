@@ -27,9 +27,3 @@ def shared_cities() -> Iterator[None]:
         patch.setattr(Cities, "of", lambda _, spec: _of(kept(), spec))
         patch.setattr(recording, "layout", _layout)
         yield
-
-
-def forget_cities() -> None:
-    """So that the next ones are built anew."""
-    kept.cache_clear()
-    _layout.cache_clear()

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 
 @kernel
@@ -42,7 +42,7 @@ def plane_blocks(
     return result
 
 
-@kernel
+@kernel_part
 def _plane_distance(truth: Float64, estimate: Float64, ego: Float64) -> float:
     """Root mean square of the distances of two corners of truth, the nearest to the ego, from those of the estimate.
 

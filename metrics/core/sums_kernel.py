@@ -5,13 +5,13 @@ import math
 import numpy as np
 
 from fbench.replay.data.arrays import Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 LIMBS = 70  # Digits to the base 2^32 that hold every float64
 LOWEST = 1126  # The last digit counts units of 2^-1126
 
 
-@kernel
+@kernel_part
 def add_exact(digits: Int64, value: float) -> None:
     """Add a finite `value` to the number that `digits` (LIMBS,) stand for, the last one first; 2^30 times at most."""
     if value == 0.0:
@@ -59,7 +59,7 @@ def block_sums(
             of_column[other] = _in_pairs(values[b : b + n])
 
 
-@kernel
+@kernel_part
 def _in_pairs(values: Float64) -> float:
     num = len(values)
     if num > _MOST:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from fbench.replay.data.arrays import Array, Float64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 
 def one_layout(values: Array) -> Float64:
@@ -51,7 +51,7 @@ def generalize_iou(a: Float64, b: Float64, iou: Float64) -> Float64:
     return result
 
 
-@kernel
+@kernel_part
 def _corners(box: Float64, origin: Float64, points: Float64, start: int) -> None:
     """Write four corners, seen from another box's center so that far boxes keep their digits."""
     cos, sin = math.cos(box[6]), math.sin(box[6])
@@ -63,7 +63,7 @@ def _corners(box: Float64, origin: Float64, points: Float64, start: int) -> None
         points[start + k, 1] = y + sin * along + cos * across
 
 
-@kernel
+@kernel_part
 def _sort(points: Float64) -> None:
     for i in range(1, len(points)):
         x, y = points[i, 0], points[i, 1]
@@ -74,7 +74,7 @@ def _sort(points: Float64) -> None:
         points[k, 0], points[k, 1] = x, y
 
 
-@kernel
+@kernel_part
 def _hull_area(points: Float64, chain: Float64) -> float:
     """Area of the hull of sorted points: the lower outline, then the upper one back."""
     num, total, turn = 0, len(points), 2
@@ -94,7 +94,7 @@ def _hull_area(points: Float64, chain: Float64) -> float:
     return max(0.0, twice / 2)
 
 
-@kernel
+@kernel_part
 def _turn(chain: Float64, num: int, point: Float64) -> float:
     """Positive where the way over the last two corners to `point` turns left."""
     x, y = chain[num - 1, 0] - chain[num - 2, 0], chain[num - 1, 1] - chain[num - 2, 1]

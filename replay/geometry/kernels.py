@@ -10,7 +10,7 @@ import platform
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any, ParamSpec, Self, TypeVar
+from typing import Any, NoReturn, ParamSpec, Self, TypeVar
 
 import llvmlite.binding
 import numba
@@ -41,6 +41,22 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     compiled: Callable[P, R] = numba.njit(**_OPTIONS)(function)
     if isinstance(compiled, Dispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
         compiled._cache = _KernelCache(function)  # type: ignore[attr-defined]  # as its `enable_caching` does
+    return compiled
+
+
+def kernel_part(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` as `kernel` does, but for other kernels alone: what lets Python call it takes long to compile,
+    too. Called from Python, it raises TypeError.
+    """
+    compiled: Callable[P, R] = numba.njit(**_OPTIONS, no_cpython_wrapper=True)(function)
+    if isinstance(compiled, Dispatcher):
+        compiled._cache = _KernelCache(function)  # type: ignore[attr-defined]
+
+        def refuse(*_: object, **__: object) -> NoReturn:
+            raise TypeError(f"{function.__qualname__} is part of a kernel: only kernels can call it")
+
+        # A call from Python looks for machine code among what was inserted, and finding none asks for compilation.
+        compiled._insert, compiled._compile_for_args = lambda *_, **__: None, refuse  # type: ignore[attr-defined]
     return compiled
 
 

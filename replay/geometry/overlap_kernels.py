@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 _ROOM = 20  # Corners: a quadrangle cut by four lines has at most 8, if rounding bends it at most 19
 
@@ -67,7 +67,7 @@ def iou_blocks(
     return result
 
 
-@kernel
+@kernel_part
 def _iou(one: Float64, other: Float64, solid: bool, room: Float64) -> float:
     """A pair gives the same whichever way round it comes: the larger box is the first."""
     k = 3
@@ -90,7 +90,7 @@ def _iou(one: Float64, other: Float64, solid: bool, room: Float64) -> float:
     return iou
 
 
-@kernel
+@kernel_part
 def _common_area(a: Float64, b: Float64, room: Float64) -> float:
     """Area in both footprints: b, seen from a, is cut along the sides of a (Sutherland and Hodgman, 1974). In a's own
     axes the cuts are exact, so that slivers and nearly equal boxes keep their digits.

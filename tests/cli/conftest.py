@@ -1,15 +1,21 @@
 """The command line in this process, and small logs."""
 
 import json
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from fbench.api.verify_child import run
 from fbench.cli import main
+from fbench.replay.check.difference import TASK
 from fbench.replay.check.verify import variants
+from fbench.replay.contracts.errors import FbenchError
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
@@ -59,6 +65,51 @@ def circumstances(monkeypatch):
             return tuple(v for v in variants(num_repeats, span_s, quick=False) if v.name.startswith(names))
 
         monkeypatch.setattr("fbench.replay.check.verify.variants", chosen)
+
+    return choose
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Let `fbench verify` replay the circumstances whose folders' names begin so (none given: all) in this process:
+    where no process is the point, each costs seconds. `test_verify` tries those that are.
+    """
+    one_at_a_time = Lock()
+
+    class Popen:
+        """Begins only when it is given a task, which says where it runs."""
+
+        names = ("",)
+
+        def __init__(self, *args, **kwargs):
+            self._begin, self.returncode = (lambda: subprocess.Popen(*args, **kwargs)), None
+
+        def communicate(self, text):
+            task = TASK.validate_python(json.loads(text))
+            if not task.folder.name.startswith(self.names):
+                process = self._begin()
+                said = process.communicate(text)
+                self.returncode = process.returncode
+                return said
+            with one_at_a_time:
+                try:
+                    run(task)
+                except FbenchError as error:
+                    self.returncode = error.exit_code
+                    return f"{error}\n", ""
+            self.returncode = 0
+            return "", ""
+
+        def poll(self):
+            return self.returncode
+
+        def kill(self):
+            pass
+
+    def choose(*names):
+        Popen.names = names or ("",)
+        stand_in = SimpleNamespace(Popen=Popen, PIPE=subprocess.PIPE)
+        monkeypatch.setattr("fbench.replay.check.verify.subprocess", stand_in)
 
     return choose
 

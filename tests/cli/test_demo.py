@@ -170,14 +170,14 @@ def test_results_of_an_interrupted_experiment_are_those_of_another(fbench, monke
 
         yield progress
 
-    assert run_experiment(small(Path("one"), "lidar3d", "radar3d"), 1) == 0
+    assert run_experiment(small(Path("one"), "radar3d"), 1) == 0
     with monkeypatch.context() as patch:
         patch.setattr("fbench.cli.demo.replay_progress", interrupt_after_one)
         with pytest.raises(KeyboardInterrupt):
-            run_experiment(small(Path("two"), "lidar3d", "radar3d"), 1)
+            run_experiment(small(Path("two"), "radar3d"), 1)
     assert not Path("two/results.md").exists()
     assert list(Path("two").glob("*/*/manifest.json"))
-    assert run_experiment(small(Path("two"), "lidar3d", "radar3d"), 1) == 0
+    assert run_experiment(small(Path("two"), "radar3d"), 1) == 0
     assert Path("two/results.md").read_bytes() == Path("one/results.md").read_bytes()
     assert files(Path("two")) == files(Path("one"))
 

@@ -43,7 +43,8 @@ def test_a_report_says_so(fbench, log):
 
 @pytest.mark.parametrize("command", ["replay", "verify"])
 @pytest.mark.parametrize("pipeline", ["recorded", "exec:true", "mine.py:Mine"])
-def test_a_pipeline_that_has_no_such_parameter_is_refused(fbench, log, command, pipeline):
+def test_a_pipeline_that_has_no_such_parameter_is_refused(fbench, log, in_this_process, command, pipeline):
+    in_this_process()
     Path("mine.py").write_text(MINE)
     refused = fbench(command, log, "-p", pipeline, "--detect-every", "2")
     assert refused.code == 2
@@ -63,6 +64,7 @@ def test_an_unknown_pipeline_is_named(fbench, log):
 
 
 @pytest.mark.slow
-def test_verify_takes_it(fbench, log, circumstances):
+def test_verify_takes_it(fbench, log, circumstances, in_this_process):
     circumstances("2 threads")
+    in_this_process()
     assert fbench("verify", log, "-p", "late3d", "--detect-every", "2", "--quick").code == 0

@@ -306,7 +306,7 @@ ELSEWHERE = {
     "test_conditions_that_break_their_promise_end_the_replay_in_one_line",
     "COR002": "tests/replay/conditions/test_disturb.py::test_what_a_log_lacks_is_an_error",
     "CFG003": "tests/replay/formats/test_rig_files.py::test_bad_files_are_refused_in_one_line",
-    "DEC002": "tests/cli/test_replay.py::test_corrupt_image_is_a_fault_of_its_frame",
+    "DEC002": "tests/cli/test_replay_bad_input.py::test_corrupt_image_is_a_fault_of_its_frame",
     "DEC003": "tests/replay/logs/test_foreign.py::test_broken_clouds_are_counted",
     "DEC004": "tests/cli/test_video.py::test_lost_messages_are_faults_and_no_picture_is_wrong",
     "DEC005": "tests/cli/test_video.py::test_a_recording_that_begins_between_keyframes_is_complete",

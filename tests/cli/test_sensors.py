@@ -44,7 +44,8 @@ def test_a_pipeline_that_gets_nothing_it_needs(fbench, log):
 
 
 @pytest.mark.slow
-def test_patterns_that_fit_nothing(fbench, log):
+def test_patterns_that_fit_nothing(fbench, log, in_this_process):
+    in_this_process()
     result = fbench("replay", log, "-p", "lidar3d", "--sensors", "lidra")
     assert result.code == 2
     assert "--sensors lidra: fits no sensor; did you mean 'lidar'?" in result.err
@@ -54,8 +55,9 @@ def test_patterns_that_fit_nothing(fbench, log):
 
 
 @pytest.mark.slow
-def test_verify_with_some_of_the_sensors(fbench, log, circumstances):
+def test_verify_with_some_of_the_sensors(fbench, log, circumstances, in_this_process):
     circumstances("repeat")
+    in_this_process()
     result = fbench("verify", log, "-p", "lidar3d", "--quick", "--sensors", "lidar", "--keep", "kept")
     assert result.code == 0, result.out
     runs = [manifest(path.parent) for path in Path("kept").glob("*/manifest.json")]

@@ -90,7 +90,7 @@ def test_a_redacted_run_keeps_the_name_alone(fbench, log, far):
 
 
 @pytest.mark.slow
-def test_a_built_in_variant_is_replayed_verified_and_compared(fbench, log, circumstances):
+def test_a_built_in_variant_is_replayed_verified_and_compared(fbench, log, circumstances, in_this_process):
     circumstances("hash seed")
     assert fbench("replay", log, "-p", "thesis/lidar3d").code == 0
     assert manifest("runs/car-thesis-lidar3d")["pipeline"] == "thesis/lidar3d"
@@ -101,6 +101,7 @@ def test_a_built_in_variant_is_replayed_verified_and_compared(fbench, log, circu
     assert "pipeline: thesis/lidar3d -> lidar3d" in result.out + result.err
     assert fbench("report", "runs/car-thesis-lidar3d", "-o", "report.html").code == 0
     assert "thesis/lidar3d" in Path("report.html").read_text()
+    in_this_process()
     assert fbench("verify", log, "-p", "thesis/lidar3d", "--quick").code == 0
 
 
@@ -180,7 +181,8 @@ def test_list_of_pipelines_and_parameters_of_a_variant(fbench, far):
         ("[", "Invalid"),
     ],
 )
-def test_one_line_for_what_is_wrong(fbench, log, far, text, message):
+def test_one_line_for_what_is_wrong(fbench, log, far, in_this_process, text, message):
+    in_this_process()
     far.write_text(text)
     for command in (("replay", log, "-p"), ("verify", log, "-p"), ("plugins", "pipelines")):
         result = fbench(*command, far)

@@ -11,7 +11,7 @@ from fbench.datasets.city.rig import CameraSpec
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.data.rig import CameraModel
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 SHRINK = 4  # Glare is smooth: it is computed at a quarter of the image's width and height
 
@@ -129,7 +129,7 @@ def _expose(light_in: Array, glare: Array, noise: Array, curve: Array, sigma: fl
     return image
 
 
-@kernel
+@kernel_part
 def _normal(bits: int) -> float:
     """Return a number of (almost) the standard normal distribution, within 3.5, from 32 random bits: the sum of four
     evenly distributed ones.
@@ -137,14 +137,14 @@ def _normal(bits: int) -> float:
     return ((bits & 255) + ((bits >> 8) & 255) + ((bits >> 16) & 255) + (bits >> 24) - 510) * _PER_BYTES
 
 
-@kernel
+@kernel_part
 def _apply_curve(curve: Array, level: float) -> int:
     place = min(max(level, 0.0), _CURVE_END) * (_STEPS / _CURVE_END)
     step = int(place)
     return int(curve[step] + (curve[step + 1] - curve[step]) * (place - step) + 0.5)
 
 
-@kernel
+@kernel_part
 def _between(pixel: int, num: int) -> tuple[int, int, float]:
     """Return which two of `num` larger pixels lie around a pixel's middle, and how far on from the first it is."""
     place = max(0.0, (pixel + 0.5) / SHRINK - 0.5)
@@ -206,7 +206,7 @@ def _draw(
         _line(image, u, v, u_end, v_end, length, max(1.0, across), cover, bright)
 
 
-@kernel
+@kernel_part
 def _pixel(p: Float64, rotation: Float64, f: float, cx: float, cy: float) -> tuple[float, float, float]:
     x = rotation[0, 0] * p[0] + rotation[1, 0] * p[1] + rotation[2, 0] * p[2]
     y = rotation[0, 1] * p[0] + rotation[1, 1] * p[1] + rotation[2, 1] * p[2]
@@ -215,7 +215,7 @@ def _pixel(p: Float64, rotation: Float64, f: float, cx: float, cy: float) -> tup
     return cx + f * x / z_or_one, cy + f * y / z_or_one, z
 
 
-@kernel
+@kernel_part
 def _line(
     image: Float32, u: float, v: float, u_end: float, v_end: float, length: float, wide: float, cover: float,
     bright: Float64,

@@ -17,7 +17,7 @@ from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 NOTHING = np.zeros((0, 4), np.float32)  # What dry ground mirrors
 _RANGE_M, _BRIGHTEST, _LEAST = 200.0, 4.0, 1e-3
@@ -119,7 +119,7 @@ def _double(small: Float32, width: int, height: int) -> Float32:
     return result
 
 
-@kernel
+@kernel_part
 def _between(pixel: int, num: int) -> tuple[int, float]:
     """Return which of `num` larger pixels is before a pixel, with one behind it, and how far it is from there on."""
     place = min(0.5 * pixel, num - 1.0)
@@ -127,7 +127,7 @@ def _between(pixel: int, num: int) -> tuple[int, float]:
     return first, place - first
 
 
-@kernel
+@kernel_part
 def _mix(image: Float32, i: int, j: int, a: float, b: float, c: int) -> float:
     upper = image[i, j, c] * (1 - a) + image[i, j + 1, c] * a
     lower = image[i + 1, j, c] * (1 - a) + image[i + 1, j + 1, c] * a
@@ -170,7 +170,7 @@ def _edges(hits: HitArrays, linear: Float32, width: int) -> Bool:
     return edges
 
 
-@kernel
+@kernel_part
 def _bends(range_m: Array, normal: Array, direction: Array, i: int, j: int) -> bool:
     """Return whether two hits don't lie in one plane."""
     turn, apart = 0.0, 0.0
@@ -180,7 +180,7 @@ def _bends(range_m: Array, normal: Array, direction: Array, i: int, j: int) -> b
     return turn < _SAME_WAY or abs(apart) > _APART_M + _APART * range_m[i]
 
 
-@kernel
+@kernel_part
 def _contrasts(linear: Float32, i: int, j: int) -> bool:
     for c in range(3):
         a, b = linear[i, c], linear[j, c]

@@ -13,7 +13,7 @@ from fbench.datasets.city.instant import EGO, MISS, BodyStates
 from fbench.datasets.city.mesh import Actor
 from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.data.boxes import VEHICLES
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 _STREET_CD, _STREET_REACH_M = 1_800.0, 20.0  # Some 25 lx below a lamp of 8 m
 _BEAM_CD, _BEAM_REACH_M = 14_000.0, 50.0
@@ -82,7 +82,7 @@ def add_lamplight(light_on: Array, hits: HitArrays, origin: Array, lamps: Lamps)
         light_on[i, 2] += blue
 
 
-@kernel
+@kernel_part
 def _street(dz: float, distance2: float) -> float:
     """Illuminance by a street lamp `dz` above, divided by its distance squared, of a plane at a right angle to the
     vector towards it: with a cone that ends at some 75 degrees, and no step at its reach.
@@ -95,7 +95,7 @@ def _street(dz: float, distance2: float) -> float:
     return float(_STREET_CD / DAYLIGHT_LUX * cone * end / (distance2 * distance))
 
 
-@kernel
+@kernel_part
 def _beam(dx: float, dy: float, dz: float, hx: float, hy: float, distance2: float) -> float:
     """The same of low beams from which a point is seen at (dx, dy, dz): a cut-off 1 % below the horizon, little light
     far below it, so that the road is lit evenly, and wide to the sides.
@@ -143,7 +143,7 @@ def daylight(hits: HitArrays, origin: Array, light: Light, surfaces: Surfaces) -
     return result
 
 
-@kernel
+@kernel_part
 def _beside(place: Array, b: int, x: float, y: float, z: float) -> float:
     """Return the share of the sky's light that a body leaves to static ground near it: little below its middle."""
     if abs(z - place[b, 2]) > 0.4:
@@ -227,12 +227,12 @@ def _radiances(
     return result
 
 
-@kernel
+@kernel_part
 def _blend(a: Rgb, b: Rgb, share: float) -> Rgb:
     return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])
 
 
-@kernel
+@kernel_part
 def _gloss(light: Light, gloss: float, wet: float, ray: Rgb, n: Rgb, lit: bool) -> tuple[float, Rgb]:
     """Return which share a smooth surface mirrors (Schlick), and what: sky, houses near the horizon, the road below it;
     and the sun. Wet ground is rough.
@@ -248,7 +248,7 @@ def _gloss(light: Light, gloss: float, wet: float, ray: Rgb, n: Rgb, lit: bool) 
     return share, (red + shine * light.direct[0], green + shine * light.direct[1], blue + shine * light.direct[2])
 
 
-@kernel
+@kernel_part
 def _retroreflection(ahead_m: float, aside_m: float) -> float:
     """Luminance with which reflectors send back the own headlights."""
     if ahead_m < 1 or abs(aside_m) > ahead_m:

@@ -11,7 +11,7 @@ import numpy as np
 
 from fbench.replay.conditions.weather import Weather, extinction_per_m
 from fbench.replay.data.arrays import Float32
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel_part
 
 _SIDE, _LAST = 128, 127  # After so many values smooth noise repeats itself; sums of octaves hide it
 
@@ -27,7 +27,7 @@ def _values() -> Float32:
 _VALUES = _values()
 
 
-@kernel
+@kernel_part
 def hash_noise(x: int, y: int, salt: int) -> float:
     """Return a number from -1 to 1 that belongs to two whole numbers and a salt."""
     h = (x * 73856093) ^ (y * 19349663) ^ (salt * 83492791)
@@ -37,7 +37,7 @@ def hash_noise(x: int, y: int, salt: int) -> float:
     return (h & 0xFFFFFF) * (2.0 / 0xFFFFFF) - 1.0
 
 
-@kernel
+@kernel_part
 def value_noise(u: float, v: float, salt: int) -> float:
     """Return smooth noise from -1 to 1 with one value a unit square."""
     x, y = floor(u), floor(v)
@@ -51,7 +51,7 @@ def value_noise(u: float, v: float, salt: int) -> float:
     return float(low * (1 - b) + high * b)
 
 
-@kernel
+@kernel_part
 def fractal_noise(u: float, v: float, octaves: int, salt: int) -> float:
     """Return noise with details: every octave is twice as fine and half as strong; within -2 to 2."""
     total, weight = 0.0, 1.0
@@ -140,7 +140,7 @@ def _times(color: Rgb, factor: float) -> Rgb:
     return (color[0] * factor, color[1] * factor, color[2] * factor)
 
 
-@kernel
+@kernel_part
 def plain_sky(light: Light, x: float, y: float, z: float) -> Rgb:
     """Return the luminance of a cloudless sky in a direction, without the sun's disc: what smooth surfaces mirror."""
     height = max(z, 0.0)
@@ -153,7 +153,7 @@ def plain_sky(light: Light, x: float, y: float, z: float) -> Rgb:
     return red, green, blue
 
 
-@kernel
+@kernel_part
 def sky(light: Light, x: float, y: float, z: float, salt: int) -> Rgb:
     """Return the luminance of the sky in a direction (unit vector); clouds are those of a salt."""
     red, green, blue = plain_sky(light, x, y, z)

@@ -16,7 +16,7 @@ from fbench.datasets.city.instant import BRAKE, EGO, MISS, BodyStates
 from fbench.datasets.city.mesh import INDEX, MATERIALS
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.replay.data.arrays import Array, Float32, Float64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 _CELL_M, _CELLS = 4.0, 80  # Along each side: 320 m
 
@@ -38,7 +38,7 @@ def grid_around(x_m: float, y_m: float, center_m: Float64, radius_m: Float64) ->
     return Grid(*corner, *_fill(np.clip(low, 0, _CELLS), np.clip(high, -1, _CELLS - 1)))
 
 
-@kernel
+@kernel_part
 def cell_of(corner_x_m: float, corner_y_m: float, x_m: float, y_m: float) -> int:
     """Return the cell of a place in the world, -1 outside, of a grid with this corner."""
     i, j = floor((x_m - corner_x_m) / _CELL_M), floor((y_m - corner_y_m) / _CELL_M)
@@ -201,7 +201,7 @@ def patterns(hits: HitArrays, origin: Array, place: Array, size_px: float, table
     return result
 
 
-@kernel
+@kernel_part
 def pattern(table: Array, row: int, u: float, v: float, minor_m: float, major_m: float, salt: int) -> float:
     """Return the factor on the albedo at place (u, v) [m] of a surface, of which a pixel covers `minor_m` x `major_m`.
     Surfaces of different salts have different patterns.
@@ -219,7 +219,7 @@ def pattern(table: Array, row: int, u: float, v: float, minor_m: float, major_m:
     return float(max(0.1, factor))
 
 
-@kernel
+@kernel_part
 def _grain(finest_m: float, u: float, v: float, minor_m: float, major_m: float, salt: int) -> float:
     """Sum octaves from about two pixels up; what a pixel averages over many grains keeps the root of their number."""
     first, size, wanted = 0, finest_m, _FEWEST_PX * minor_m
@@ -239,7 +239,7 @@ def _grain(finest_m: float, u: float, v: float, minor_m: float, major_m: float, 
     return total
 
 
-@kernel
+@kernel_part
 def _lay_pieces(
     along: float, across: float, joint: float, piece: float, seam: float, u: float, v: float, pixel_m: float, salt: int
 ) -> float:

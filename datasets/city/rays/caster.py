@@ -16,7 +16,7 @@ from fbench.datasets.city.rays.smooth import Scene, round_normals, rounding, uni
 from fbench.replay.conditions.generators import generator
 from fbench.replay.conditions.weather import Weather
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 from fbench.replay.geometry.transforms import chain
 
 _MOST = 32  # Rays that follow each other and are tested together, at most
@@ -73,7 +73,7 @@ def cones_of_blocks(starts: Int64, origin_m: Float64, direction: Float32, offset
     return blocks
 
 
-@kernel
+@kernel_part
 def _cone(direction: Float32, block: Float64, first: int, end: int) -> float:
     """Write the axis of the cone around directions into `block`; returns its half angle [rad]."""
     x, y, z = 0.0, 0.0, 0.0
@@ -92,7 +92,7 @@ def _cone(direction: Float32, block: Float64, first: int, end: int) -> float:
     return math.acos(max(-1.0, least)) + 1e-3  # single precision makes small angles uncertain by 3e-4
 
 
-@kernel
+@kernel_part
 def _reach_body(blocks: Blocks, body: Float64, box: Float64, range_m: float) -> Int64:
     """Return the blocks of which a ray can touch the sphere about a body's box, wherever that is meanwhile."""
     cos, sin = math.cos(body[3]), math.sin(body[3])
@@ -148,7 +148,7 @@ def rays_at_body(
     return rays[:found], ray[:found, :3], ray[:found, 3:]
 
 
-@kernel
+@kernel_part
 def _start(origin_m: Float64, body: Float64, offset_s: float) -> tuple[float, float, float, float, float]:
     """Return an origin in a body's coordinates at an offset, and cosine and sine of its yaw then."""
     yaw = body[3] + body[7] * offset_s
@@ -158,7 +158,7 @@ def _start(origin_m: Float64, body: Float64, offset_s: float) -> tuple[float, fl
     return cos * x + sin * y, cos * y - sin * x, origin_m[2] - body[2] - body[6] * offset_s, cos, sin
 
 
-@kernel
+@kernel_part
 def _meets_sphere(x: float, y: float, z: float, u: float, v: float, w: float, box: Float64) -> bool:
     """Return whether a ray from (x, y, z) along (u, v, w) meets the sphere about 0."""
     along, beyond = x * u + y * v + z * w, (x * x + y * y + z * z) * (1 - _SLACK)
@@ -166,7 +166,7 @@ def _meets_sphere(x: float, y: float, z: float, u: float, v: float, w: float, bo
     return beyond <= 0 or (along < 0 and along * along >= beyond)
 
 
-@kernel
+@kernel_part
 def _meets_box(x: float, y: float, z: float, u: float, v: float, w: float, box: Float64, range_m: float) -> bool:
     """Return whether it passes through the box about 0 within its range."""
     enters, leaves = _within(x, u, box[3], 0.0, range_m)
@@ -175,7 +175,7 @@ def _meets_box(x: float, y: float, z: float, u: float, v: float, w: float, box: 
     return enters <= leaves
 
 
-@kernel
+@kernel_part
 def _within(start: float, slope: float, half: float, enters: float, leaves: float) -> tuple[float, float]:
     """Narrow the stretch of a ray to where it is between two planes."""
     if abs(slope) < _PARALLEL:

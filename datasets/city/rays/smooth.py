@@ -10,7 +10,7 @@ from embreex.rtcore_scene import EmbreeScene
 
 from fbench.datasets.city.mesh import Mesh
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 _FARTHEST_M = 1e30
 _MARGIN_M = 1e-3
@@ -151,7 +151,7 @@ def round_normals(
     return result
 
 
-@kernel
+@kernel_part
 def _place(p: Array, x: float, y: float, z: float) -> tuple[float, float]:
     """Return the shares of the second and third corner (3, 3) in a point of a triangle."""
     ax, ay, az = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2]
@@ -165,7 +165,7 @@ def _place(p: Array, x: float, y: float, z: float) -> tuple[float, float]:
     return second, min(1.0 - second, max(0.0, (aa * pb - ab * pa) / area))
 
 
-@kernel
+@kernel_part
 def _turn(normal: Array, x: float, y: float, z: float, direction: Array) -> None:
     """Write a normal over the flat one, on the flat one's side and facing the ray at least a little."""
     if x * normal[0] + y * normal[1] + z * normal[2] < 0:

@@ -15,7 +15,7 @@ from fbench.datasets.city.traffic.network import ALONG, AXLE, CHANGE_S, CURVE, D
 from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, last_on, leader, leader_on_neighbor, left_side
 from fbench.datasets.city.traffic.path_kernel import curve, nearest_point, neighbor, segment
 from fbench.replay.data.arrays import Array, Float64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 HARDEST_MPS2 = 8.0  # Full braking on a dry road
 
@@ -47,13 +47,13 @@ _LOOK_S, _LOOK_M = 6.0, 30.0  # How far one looks ahead
 _SLOWING_MPS2, _BRAKE_LIGHT_MPS2, _STANDING_MPS = 1.2, 0.5, 0.1
 
 
-@kernel
+@kernel_part
 def far(v: float) -> float:
     """How far ahead [m] one looks for others at a speed."""
     return _LOOK_M + _LOOK_S * v
 
 
-@kernel
+@kernel_part
 def desired_speed(path: Float64, lanes: Array, me: np.void, way: Array) -> float:
     """Speed [m/s] of a mover on an empty road: its own, the limit, and what curves here and ahead allow."""
     lane, s = lanes[way[HERE]], me["at_m"]
@@ -72,7 +72,7 @@ def desired_speed(path: Float64, lanes: Array, me: np.void, way: Array) -> float
     return float(best)
 
 
-@kernel
+@kernel_part
 def loss_to_leader(movers: Array, i: int, v: float, gap: float, n: int) -> float:
     """How much less mover `i` accelerates because `n` is `gap` ahead."""
     if n < 0:
@@ -82,7 +82,7 @@ def loss_to_leader(movers: Array, i: int, v: float, gap: float, n: int) -> float
                        me["acceleration_mps2"], me["braking_mps2"])  # fmt: skip
 
 
-@kernel
+@kernel_part
 def before_gate(lanes: Array, gates: Array, lights: Array, me: np.void, way: Array) -> float:
     """How much less because of the next gate that one may not enter yet."""
     v = me["speed_mps"]
@@ -147,7 +147,7 @@ def change_lanes(roads: Roads, gates: Array, movers: Array, way: Array, taken: O
     return num
 
 
-@kernel
+@kernel_part
 def _may_think(lanes: Array, gates: Array, me: np.void, way: Array) -> bool:
     """Not while changing or slow, and not with a gate or the end of the neighbors near."""
     lane, v = lanes[way[HERE]], me["speed_mps"]
@@ -160,7 +160,7 @@ def _may_think(lanes: Array, gates: Array, me: np.void, way: Array) -> bool:
     return bool(ahead > 5.0 * v + 10.0 and me["at_m"] > 0.5 * me["length_m"])
 
 
-@kernel
+@kernel_part
 def _better_side(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: int) -> int:
     """1 for left, -1 for right, 0 to stay; `way` (WINDOW,) is the mover's own."""
     lanes, me = roads.lanes, movers[i]
@@ -185,14 +185,14 @@ def _better_side(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: i
     return best
 
 
-@kernel
+@kernel_part
 def _acceleration_on(lane: np.void, me: np.void, less: float) -> float:
     """Acceleration on a lane, where whoever is ahead takes `less` away."""
     allowed = min(me["fastest_mps"], lane["speed_mps"] * me["factor"])
     return free_acceleration(me["speed_mps"], allowed, me["acceleration_mps2"], me["braking_mps2"]) - less
 
 
-@kernel
+@kernel_part
 def _loss_behind(path: Float64, lanes: Array, movers: Array, way: Array, taken: Occupancy, i: int, side: int) -> float:
     """How much less the next one behind on the other lane would accelerate; infinite where there is no room."""
     me, offset = movers[i], 0.0
@@ -219,7 +219,7 @@ def _loss_behind(path: Float64, lanes: Array, movers: Array, way: Array, taken: 
     return 0.0
 
 
-@kernel
+@kernel_part
 def _begin(path: Float64, lanes: Array, me: np.void, way: Array, side: int) -> None:
     """Go on along the neighbor, beside it at first."""
     work, there = np.empty(9), np.empty(9)

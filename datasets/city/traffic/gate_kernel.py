@@ -13,7 +13,7 @@ import numpy as np
 from fbench.datasets.city.traffic.network import DRIVE, HERE, WINDOW, Network, Roads
 from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, leader
 from fbench.replay.data.arrays import Array, Float64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 _QUEUE_MPS, _QUEUE_SHARE = 2.0, 0.2  # Who is slower, or slower than this share of its own speed, belongs to a queue
 
@@ -26,7 +26,7 @@ class Holders(NamedTuple):
     rear_m: Float64  # Its rear, counted from the lane's beginning
 
 
-@kernel
+@kernel_part
 def has_room(lanes: Array, movers: Array, way: Array, taken: Occupancy, i: int, last: int, end: float) -> bool:
     """Whether the body fits behind `end`, when all who go before it have closed up to a queue or to the next line."""
     me = movers[i]
@@ -52,7 +52,7 @@ def has_room(lanes: Array, movers: Array, way: Array, taken: Occupancy, i: int, 
     return True
 
 
-@kernel
+@kernel_part
 def is_clear(
     lanes: Array, gates: Array, conflicts: Array, movers: Array, way: Array, i: int, k: int, g: int, last: int,
     held: Holders, blocked: Array, blocker: Array,
@@ -98,7 +98,7 @@ _PATIENCE_S, _LEFT_PATIENCE_S = 4.0, 7.0  # After how long one is waited for, an
 _FIRST, _AT_LINE_M, _LONGEST_CHAIN = 1e6, 3.0, 8
 
 
-@kernel
+@kernel_part
 def first_gate(lanes: Array, gates: Array, me: np.void, way: Array) -> tuple[int, int, float]:
     """The next gate on a mover's way that it has no right to: place in the way, gate, distance from its front. The gate
     is -1 where there is none within its window.
@@ -219,33 +219,33 @@ def asking_movers(
     return found[:num]
 
 
-@kernel
+@kernel_part
 def _may_ask(lanes: Array, lights: Array, way: Array, k: int, ahead: float) -> bool:
     """Whether the signal before the lane at place `k` allows it: at yellow only to turn left, from the line."""
     now = lights[way[k - 1]]
     return bool(now == GREEN or (now == YELLOW and ahead < _AT_LINE_M and lanes[way[k]]["turns_left"] > 0))
 
 
-@kernel
+@kernel_part
 def _patience_s(lane: np.void) -> float:
     return _LEFT_PATIENCE_S if lane["turns_left"] else _PATIENCE_S
 
 
-@kernel
+@kernel_part
 def _ask_m(lane: np.void, v: float) -> float:
     """How far before a gate on a lane one asks for the right to it."""
     gently = v * v / (2 * _ASK_MPS2) + v + 3.0
     return gently if lane["kind"] != DRIVE or lane["turns_left"] else max(gently, _ASK_S * v)
 
 
-@kernel
+@kernel_part
 def _has_right(other: np.void, gap: float, ahead: float) -> bool:
     """Whether a leader, `gap` before one's front, may pass the gate that is `ahead` of this front."""
     allowed = other["right_to_m"] - other["base_m"] - other["at_m"]
     return bool(allowed > ahead - (gap + 0.5 * other["length_m"]) + 1e-3)
 
 
-@kernel
+@kernel_part
 def _chain(
     lanes: Array, gates: Array, lights: Array, me: np.void, way: Array, k: int, g: int, passed: Array
 ) -> tuple[int, float, int]:

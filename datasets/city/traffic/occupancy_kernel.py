@@ -7,7 +7,7 @@ import numpy as np
 from fbench.datasets.city.traffic.network import AXLE, HERE, WINDOW, Roads
 from fbench.datasets.city.traffic.path_kernel import nearest_point, neighbor, sideways
 from fbench.replay.data.arrays import Array, Float64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 _BESIDE_M = 0.3  # Who is less than this beside the new lane's middle has left the old one
 
@@ -20,7 +20,7 @@ class Occupancy(NamedTuple):
     at_m: Float64  # Its middle, counted from the lane's beginning; may be before it or beyond the end
 
 
-@kernel
+@kernel_part
 def left_side(me: np.void) -> int:
     """On which side of its new lane a mover still is: 1 left, -1 right, 0 neither."""
     rear = me["base_m"] + me["at_m"] - AXLE * me["length_m"]
@@ -84,7 +84,7 @@ def occupancy(path: Float64, lanes: Array, movers: Array, way: Array) -> Occupan
     return Occupancy(first, who, at)
 
 
-@kernel
+@kernel_part
 def next_on(taken: Occupancy, lane: int, s: float, i: int) -> int:
     """Row of the first body beyond `s` on a lane other than `i`, -1 for none."""
     for row in range(taken.first[lane], taken.first[lane + 1]):
@@ -93,7 +93,7 @@ def next_on(taken: Occupancy, lane: int, s: float, i: int) -> int:
     return -1
 
 
-@kernel
+@kernel_part
 def last_on(taken: Occupancy, lane: int, s: float, i: int) -> int:
     """Row of the last body up to `s` on a lane other than `i`, -1 for none."""
     for row in range(taken.first[lane + 1] - 1, taken.first[lane] - 1, -1):
@@ -126,7 +126,7 @@ def leader(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: int, fa
     return best, who
 
 
-@kernel
+@kernel_part
 def leader_on_neighbor(
     roads: Roads, movers: Array, way: Array, taken: Occupancy, i: int, side: int, far_m: float
 ) -> tuple[float, int]:
@@ -146,7 +146,7 @@ def leader_on_neighbor(
     return np.inf, -1
 
 
-@kernel
+@kernel_part
 def _parting(roads: Roads, movers: Array, taken: Occupancy, lane: int, s: float, i: int) -> tuple[float, int]:
     """The next who has just turned off to a lane that begins where this one does."""
     best, who = np.inf, -1

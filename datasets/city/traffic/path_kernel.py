@@ -4,10 +4,10 @@ import numpy as np
 
 from fbench.datasets.city.traffic.network import ALONG, AXLE, HERE, NUM_CHOICES, WINDOW
 from fbench.replay.data.arrays import Array, Float64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 
-@kernel
+@kernel_part
 def segment(path: Float64, lane: np.void, s: float) -> int:
     """Row of the point before `s` along a lane."""
     low, high = lane["point_from"], lane["point_to"] - 1
@@ -20,7 +20,7 @@ def segment(path: Float64, lane: np.void, s: float) -> int:
     return int(low)
 
 
-@kernel
+@kernel_part
 def nearest_point(path: Float64, lane: np.void, other: np.void, s: float) -> float:
     """Where along `other`, which runs beside `lane`, one is at `s` of it."""
     if s <= 0.0:
@@ -33,13 +33,13 @@ def nearest_point(path: Float64, lane: np.void, other: np.void, s: float) -> flo
     return float(path[j, ALONG] + share * (path[j + 1, ALONG] - path[j, ALONG]))
 
 
-@kernel
+@kernel_part
 def neighbor(lane: np.void, side: int) -> int:
     """Lane to the left (1) or to the right (-1) of one; -1 for none."""
     return int(lane["left"] if side > 0 else lane["right"])
 
 
-@kernel
+@kernel_part
 def curve(path: Float64, lane: np.void, s: float, out: Float64) -> None:
     """Cubic Hermite curve through a lane's points: x, y, z, their derivatives by s, and the second ones of x and y."""
     i = segment(path, lane, s)
@@ -56,7 +56,7 @@ def curve(path: Float64, lane: np.void, s: float, out: Float64) -> None:
     out[5] = (path[i + 1, 2] - path[i, 2]) / h
 
 
-@kernel
+@kernel_part
 def locate(lanes: Array, way: Array, s: float) -> tuple[int, float]:
     """Which lane of a way `s` along the lane `HERE` is on, before or after it, and where there."""
     k = HERE
@@ -69,7 +69,7 @@ def locate(lanes: Array, way: Array, s: float) -> tuple[int, float]:
     return way[k], s
 
 
-@kernel
+@kernel_part
 def sideways(share: float) -> tuple[float, float]:
     """How much of a lane change is left at a share of its way, and its derivative: a quintic without jerk at ends."""
     if share <= 0.0:
@@ -80,7 +80,7 @@ def sideways(share: float) -> tuple[float, float]:
     return 1 - x * x * x * (10 - 15 * x + 6 * x * x), -30 * x * x * (1 - x) * (1 - x)
 
 
-@kernel
+@kernel_part
 def axle(path: Float64, lanes: Array, me: np.void, way: Array, s: float, v: float, work: Float64, out: Float64) -> None:
     """Position, then velocity (6,) of the point `s` along a mover's way, beside it while it changes lanes."""
     span = me["side_for_m"]
@@ -100,7 +100,7 @@ def axle(path: Float64, lanes: Array, me: np.void, way: Array, s: float, v: floa
     out[5] = work[5] * v
 
 
-@kernel
+@kernel_part
 def travel(v: float, a: float, t: float) -> tuple[float, float]:
     """Distance and speed after `t` at constant acceleration, never backwards."""
     if a < 0.0 and v + a * t <= 0.0:
@@ -160,7 +160,7 @@ def extend(lanes: Array, nexts: Array, movers: Array, way: Array, choices: Float
                 way[i, k] = choose_next(lanes, nexts, way[i, k - 1], movers[i]["length_m"], drawn)
 
 
-@kernel
+@kernel_part
 def choose_next(lanes: Array, nexts: Array, lane: int, length_m: float, drawn: float) -> int:
     """Choose a successor that bodies of this length may use."""
     first, last = lanes[lane]["next_from"], lanes[lane]["next_to"]
@@ -229,7 +229,7 @@ def stop_before_touching(movers: Array, now: Float64, then: Float64, sizes: Floa
     return num
 
 
-@kernel
+@kernel_part
 def _yields(movers: Array, now: Float64, i: int, j: int) -> int:
     if movers[i]["frozen"] or movers[j]["frozen"]:
         return j if movers[i]["frozen"] else i

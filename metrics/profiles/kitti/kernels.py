@@ -7,7 +7,7 @@ import numpy as np
 from fbench.metrics.core.assignment_kernel import assign
 from fbench.metrics.core.sums_kernel import LIMBS, add_exact
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 
 @kernel
@@ -126,7 +126,7 @@ def count_at(  # noqa: C901  # zeroed in loops, which compile faster than `np.ze
     return counts, digits
 
 
-@kernel
+@kernel_part
 def _nearest(
     start: int, stop: int, pair_estimate: Int64, pair_similarity: Float64, state: Int64, score: Float64,
     overlap: float, threshold: float, taken: Bool,
@@ -221,7 +221,7 @@ def count_passes(  # noqa: C901  # apart it compiles twice as long
     return counts, sums, matched
 
 
-@kernel
+@kernel_part
 def _count_track(  # apart it compiles twice as long
     rows: Int64, start: int, stop: int, matched: Int64, estimate_track: Int64, ignored: Bool, counts: Int64, k: int
 ) -> None:

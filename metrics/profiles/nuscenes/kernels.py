@@ -7,7 +7,7 @@ import numpy as np
 from fbench.metrics.core.assignment_kernel import assign
 from fbench.metrics.profiles.nuscenes.boxes import NearBoxes
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 
 @kernel
@@ -134,7 +134,7 @@ def sweep(  # noqa: C901  # apart it compiles twice as long
     return counts, total_m, continued
 
 
-@kernel
+@kernel_part
 def _match_step(  # noqa: C901  # apart it compiles twice as long
     first: int, end: int, near: NearBoxes, last: Array, taken: Bool, partner: Array, meters: Array, column: Array
 ) -> None:
@@ -187,7 +187,7 @@ def _match_step(  # noqa: C901  # apart it compiles twice as long
         column[name[j]] = 0
 
 
-@kernel
+@kernel_part
 def _remember(history: Array, track: int, frame: int, is_matched: bool) -> None:
     """Bring what is known of a truth track up to date; `frame` counts samples with any box of the class."""
     if history[track, _BOXES] == 0:
@@ -208,7 +208,7 @@ def _remember(history: Array, track: int, frame: int, is_matched: bool) -> None:
     history[track, _NEXT] = frame + 1
 
 
-@kernel
+@kernel_part
 def _count_track(history: Array, track: int, counts: Array, i: int) -> None:
     if history[track, _BOXES] == 0:
         return

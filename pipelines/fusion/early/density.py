@@ -11,13 +11,13 @@ from fbench.pipelines.sensors.points.grid import find_root
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 Reaching: TypeAlias = tuple[Int64, Float64, Float64, Float64, float, float]
 """Neighborhoods: place, xy, reach, velocity and edge as of `connect_cells`, and the longest reach."""
 
 
-@kernel
+@kernel_part
 def _first_at_or_after(place: Int64, x: int, y: int) -> int:
     begin, end = 0, len(place)
     while begin < end:
@@ -29,7 +29,7 @@ def _first_at_or_after(place: Int64, x: int, y: int) -> int:
     return begin
 
 
-@kernel
+@kernel_part
 def _neighbors(i: int, reaching: Reaching, found: Int64) -> int:
     """Fill `found` with the cells within reach of cell `i`, itself included, and return how many there are."""
     place, xy, reach, velocity, edge, longest = reaching
@@ -82,7 +82,7 @@ def connect_cells(
     return _number_clusters(reaching, parent, core, found), core
 
 
-@kernel
+@kernel_part
 def _number_clusters(reaching: Reaching, parent: Int64, core: Bool, found: Int64) -> Int64:
     label, num_clusters = np.full(len(core), -1), 0
     for i in range(len(core)):

@@ -6,12 +6,12 @@ from fbench.pipelines.sensors.points import grid
 from fbench.pipelines.sensors.points.grid import Pairs, find_root
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 SMALL = 4  # Of cells with so few points it is cheaper to look at the points than at bounds first
 
 
-@kernel
+@kernel_part
 def _near(points: Float64, i: int, j: int) -> bool:
     x = points[i, 0] - points[j, 0]
     y = points[i, 1] - points[j, 1]
@@ -21,7 +21,7 @@ def _near(points: Float64, i: int, j: int) -> bool:
     return near
 
 
-@kernel
+@kernel_part
 def _count(points: Float64, first: Int64, a: int, b: int, count: Int64) -> None:
     for i in range(first[a], first[a + 1]):
         for j in range(first[b], first[b + 1]):
@@ -30,7 +30,7 @@ def _count(points: Float64, first: Int64, a: int, b: int, count: Int64) -> None:
             count[j] += near
 
 
-@kernel
+@kernel_part
 def _count_one(points: Float64, first: Int64, a: int, b: int, count: Int64, enough: int) -> None:
     """As `_count`, for the points of `a` only, up to `enough`."""
     for i in range(first[a], first[a + 1]):
@@ -63,7 +63,7 @@ def core_points(points: Float64, first: Int64, pairs: Pairs, min_points: int) ->
     return count >= min_points
 
 
-@kernel
+@kernel_part
 def _reaches(points: Float64, i: int, bounds: Float64, b: int) -> bool:
     x = max(bounds[b, 0] - points[i, 0], points[i, 0] - bounds[b, 3], 0.0)
     y = max(bounds[b, 1] - points[i, 1], points[i, 1] - bounds[b, 4], 0.0)
@@ -72,7 +72,7 @@ def _reaches(points: Float64, i: int, bounds: Float64, b: int) -> bool:
     return near
 
 
-@kernel
+@kernel_part
 def _are_linked(points: Float64, core: Bool, first: Int64, bounds: Float64, a: int, b: int) -> bool:
     is_small = first[b + 1] - first[b] <= SMALL
     for i in range(first[a], first[a + 1]):
@@ -112,7 +112,7 @@ def cluster_cells(points: Float64, core: Bool, first: Int64, bounds: Float64, pa
     return parent, smallest
 
 
-@kernel
+@kernel_part
 def _find_smallest(points: Float64, core: Bool, begin: int, end: int, best: int) -> int:
     for i in range(begin, end):
         if core[i] and (best < 0 or _is_smaller(points, i, best)):
@@ -120,7 +120,7 @@ def _find_smallest(points: Float64, core: Bool, begin: int, end: int, best: int)
     return best
 
 
-@kernel
+@kernel_part
 def _is_smaller(points: Float64, i: int, j: int) -> bool:
     for axis in range(3):
         if points[i, axis] != points[j, axis]:
@@ -145,7 +145,7 @@ def labels(points: Float64, core: Bool, first: Int64, number: Int64, pairs: Pair
     return result
 
 
-@kernel
+@kernel_part
 def _lower(points: Float64, core: Bool, first: Int64, a: int, b: int, number: int, result: Int64) -> None:
     """Give points of `a` that aren't core the number of `b` where it is lower and a core point there is a neighbor."""
     for i in range(first[a], first[a + 1]):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 Pairs = NDArray[np.int32]  # (P, 2) rows of cells
 FARTHEST_CELL = 2.0**50
@@ -18,7 +18,7 @@ _DIGIT = 11
 _DIGITS = 1 << _DIGIT
 
 
-@kernel
+@kernel_part
 def find_root(parent: Int64, i: int) -> int:
     """Follow parents to one that is its own, and shorten the way."""
     while parent[i] != i:
@@ -136,7 +136,7 @@ def may_touch(bounds: Float64, a: int, b: int) -> bool:
     return near
 
 
-@kernel
+@kernel_part
 def _first_at_or_after(cells: Int64, begin: int, end: int, x: int, y: int, z: int) -> int:
     while begin < end:
         mid = (begin + end) // 2
@@ -148,7 +148,7 @@ def _first_at_or_after(cells: Int64, begin: int, end: int, x: int, y: int, z: in
     return begin
 
 
-@kernel
+@kernel_part
 def _add_run(z: Int64, bounds: Float64, c: int, at: int, end: int, last: int, pairs: Pairs, num: int) -> int:
     """Append pairs of `c` and cells from `at` on, up to number `last` along z, that may touch it.
 
@@ -185,7 +185,7 @@ def find_in_level(cells: Int64, bounds: Float64, rows: Int64, reach: int, pairs:
     return num
 
 
-@kernel
+@kernel_part
 def _add_rows(
     z: Int64, bounds: Float64, one: tuple[int, int], other: tuple[int, int], reach: int, pairs: Pairs, num: int
 ) -> int:

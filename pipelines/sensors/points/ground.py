@@ -7,10 +7,10 @@ from scipy import ndimage
 
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 
-@kernel
+@kernel_part
 def _at_rank(values: Float64, rank: int) -> int:
     """Return where the value lies that has this rank in ascending order; of equal ones the first has the lowest."""
     value = np.partition(values, rank)[rank]

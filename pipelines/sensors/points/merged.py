@@ -14,7 +14,7 @@ from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import PointCloud, Pose, RadarScan
 from fbench.replay.data.rig import Kind, LogInfo, Rig
-from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel, kernel_part
 from fbench.replay.geometry.transforms import transform
 
 _SMALL = 1e-3  # Below this angle [rad] series are more exact than quotients
@@ -45,7 +45,7 @@ def carry_points(xyz: Float64, time_s: Float64, turn_radps: Float64, speed_mps: 
     return result
 
 
-@kernel
+@kernel_part
 def _fill(move: Float64, t: float, rate: float, turn: Float64, speed: Float64) -> None:
     """Write R and V v t into `move` (3, 4)."""
     a = rate * t

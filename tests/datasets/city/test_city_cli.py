@@ -266,12 +266,13 @@ def test_who_is_stopped_leaves_no_log(tmp_path, kind):
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_one_line_and_leaves_no_log(tmp_path):
-    args = ["log", "simulate", "highway", "--sensors", "lidar", "--seconds", "1", "-o", "a.mcap"]
-    done = subprocess.run(
-        [*FBENCH, *args], cwd=tmp_path, capture_output=True, text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, 600_000)),
-    )  # fmt: skip
-    assert (done.returncode, done.stderr.count("\n")) == (3, 1)
-    assert "a.mcap: can't be written" in done.stderr
+def test_a_full_disk_is_one_line_and_leaves_no_log(fbench, tmp_path):
+    most, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (600_000, hard))
+    try:
+        code, _, err = fbench("highway", "--sensors", "lidar", "--seconds", "1", "-o", "a.mcap")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+    assert (code, err.count("\n")) == (3, 1)
+    assert "a.mcap: can't be written" in err
     assert _rest(tmp_path) == []

@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from tests.cli.conftest import circumstances, fbench, log, messages, write_log
+from tests.cli.conftest import circumstances, fbench, in_this_process, log, messages, write_log
 from tests.cli.test_recorded import drive, write
 from tests.replay.logs.test_two_types_of_tf import TYPES, cloud, transform, write_bag
 
@@ -13,7 +13,7 @@ from fbench.replay.check.verify import variants, verify_in
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 
-__all__ = ["circumstances", "fbench", "log"]
+__all__ = ["circumstances", "fbench", "in_this_process", "log"]
 
 PIPELINE = """
 import random, time
@@ -59,8 +59,9 @@ def by_name(result):
 
 
 @pytest.mark.slow
-def test_a_builtin_pipeline_is_identical_under_all_circumstances(fbench, log):
-    """`docs/determinism.md`, whose commands are run, has one of a single sensor."""
+def test_a_builtin_pipeline_is_identical_under_all_circumstances(fbench, log, in_this_process):
+    """Rates, reading ahead and containers are tried in this process, whose bits are those of the others, too."""
+    in_this_process("rate", "no_read-ahead", "read-ahead", "MCAP", "Parquet")
     result = fbench("verify", log.name, "-p", "late3d")
     assert result.code == 0, result.out
     assert [line for line in result.out.splitlines() if line.endswith(": identical")] == [
@@ -114,8 +115,11 @@ class Count:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "config"), [("drive.bag", BODY), ("drive.mcap", BODY), ("drive.parquet", "")])
-def test_logs_of_other_programs_are_identical_in_other_containers(fbench, tmp_path, circumstances, name, config):
+def test_logs_of_other_programs_are_identical_in_other_containers(
+    fbench, tmp_path, circumstances, in_this_process, name, config
+):
     circumstances("MCAP unchunked", "Parquet")
+    in_this_process()
     if name == "drive.bag":  # without stamps, which is a fault
         clouds = [("/lidar", cloud("lidar", stamp=(0, 0))) for _ in range(5)]
         write_bag(tmp_path / name, [("/tf", transform(TYPES[1], "lidar", 1.0)), *clouds])
@@ -131,8 +135,9 @@ def test_logs_of_other_programs_are_identical_in_other_containers(fbench, tmp_pa
 
 
 @pytest.mark.slow
-def test_random_sleeps_do_not_matter(fbench, log, mine, circumstances):
+def test_random_sleeps_do_not_matter(fbench, log, mine, circumstances, in_this_process):
     circumstances("2 threads")
+    in_this_process()
     sleepy = mine(sleep="time.sleep(self.seeded.uniform(0, 0.003))", name="sleepy")
     result = fbench("verify", log, "-p", sleepy, "--quick", "--json")
     assert result.code == 0, result.out
@@ -154,8 +159,11 @@ def test_random_sleeps_do_not_matter(fbench, log, mine, circumstances):
         ("0", "time.perf_counter() % 1", "tracks"),
     ],
 )
-def test_time_and_global_generators_are_found_by_a_repeat(fbench, log, mine, circumstances, noise, later, stage):
+def test_time_and_global_generators_are_found_by_a_repeat(
+    fbench, log, mine, circumstances, in_this_process, noise, later, stage
+):
     circumstances("repeat")
+    in_this_process()
     result = fbench("verify", log, "-p", mine(noise, later), "--quick")
     assert result.code == 1
     assert re.search(rf"^frame 0, {stage}: center_m\[0, 0\] \S+ != \S+ under repeat$", result.out, re.MULTILINE)
@@ -163,7 +171,8 @@ def test_time_and_global_generators_are_found_by_a_repeat(fbench, log, mine, cir
 
 
 @pytest.mark.slow
-def test_order_of_a_set_is_found_by_another_hash_seed(fbench, log, mine):
+def test_order_of_a_set_is_found_by_another_hash_seed(fbench, log, mine, circumstances):
+    circumstances("repeat", "hash seed")
     order = "next(i for i, s in enumerate({f'sensor {n}' for n in range(40)}) if s == 'sensor 7')"
     result = fbench("verify", log, "-p", mine(order), "--quick", "--json")
     assert result.code == 1
@@ -204,7 +213,8 @@ def test_variant_that_fails_tells_its_error(fbench, log, mine, circumstances):
 
 
 @pytest.mark.slow
-def test_runs_are_kept_where_that_is_wanted(fbench, log, mine):
+def test_runs_are_kept_where_that_is_wanted(fbench, log, mine, in_this_process):
+    in_this_process()
     assert fbench("verify", log, "-p", mine(), "--quick", "--repeat", "3", "--keep", "kept").code == 0
     assert sorted(p.name for p in Path("kept").iterdir() if (p / "manifest.json").is_file()) == [
         "2_threads", "hash_seed_1", "reference", "repeat_1", "repeat_2",
@@ -214,8 +224,9 @@ def test_runs_are_kept_where_that_is_wanted(fbench, log, mine):
 
 
 @pytest.mark.slow
-def test_log_without_truth_and_excerpts(fbench, tmp_path, mine, circumstances):
+def test_log_without_truth_and_excerpts(fbench, tmp_path, mine, circumstances, in_this_process):
     circumstances("repeat")
+    in_this_process()
     path = write_log(tmp_path / "blind.mcap", messages())
     result = fbench("verify", path, "-p", mine(), "--quick", "--frames", "2:4", "--json")
     assert result.code == 0
@@ -235,8 +246,10 @@ def test_log_without_truth_and_excerpts(fbench, tmp_path, mine, circumstances):
         (("car.mcap", "-p", "lidar3d", "--repeat", "0"), 2, "repeat"),
     ],
 )
-def test_bad_input(fbench, log, arguments, code, message):
+def test_bad_input(fbench, log, in_this_process, arguments, code, message):
     assert log.name == "car.mcap"
+    if message not in ("nowhere.mcap: can't be read", "unknown pipeline 'lidar4d'; did you mean 'lidar3d'?"):
+        in_this_process()  # One of each code comes out of a process of its own
     result = fbench("verify", *arguments)
     assert result.code == code, result.err
     assert message in result.err

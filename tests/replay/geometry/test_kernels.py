@@ -7,6 +7,7 @@ import pytest
 
 from fbench.replay.data.files import fbench_cache
 from fbench.replay.geometry import kernels
+from fbench.replay.geometry.kernels import kernel, kernel_part
 
 SOURCE = """
 import other
@@ -21,10 +22,11 @@ print(scale(21), kernel_digest(scale))
 """
 OTHER = """
 from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.kernels import kernel_part
 
 FACTOR = 1
 
-@kernel
+@kernel_part
 def double(value: int) -> int:
     return 2 * value
 
@@ -128,6 +130,23 @@ def test_a_disk_that_fills_while_machine_code_is_saved(cache: Path, sources: Pat
     done = subprocess.run([sys.executable, "-c", code, sources / "loops.py"], capture_output=True, text=True)
     assert (done.returncode, done.stdout[:3], done.stderr) == (0, "42 ", "")
     assert not list(cache.rglob("*.nbc"))
+
+
+@kernel_part
+def part(value: int) -> int:
+    return 2 * value
+
+
+@kernel
+def whole(value: int) -> int:
+    return part(value) + 1
+
+
+def test_python_cannot_call_a_part_of_a_kernel(cache: Path):
+    assert whole(3) == 7
+    for value in (3, 3.0):  # of these types one is compiled already
+        with pytest.raises(TypeError, match="part is part of a kernel: only kernels can call it"):
+            part(value)
 
 
 def test_versions_and_globals_change_the_digest(monkeypatch: pytest.MonkeyPatch):
