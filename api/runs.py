@@ -247,6 +247,7 @@ def replay(
             variant=entry,
             max_between_ns=options.max_between_ns,
             clock=clock,
+            latency=options.latency,
             budget=options.budget,
             redact=request.redact,
             num_media=0 if request.no_media else NUM_MEDIA,

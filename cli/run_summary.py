@@ -55,6 +55,8 @@ def _status(run: Run) -> list[str]:
     manifest = run.manifest
     segments = format_count(manifest.num_segments, "segment")
     lines = [f"frames: {manifest.num_frames} in {segments}", f"truth: {coverage_of(run)}"]
+    if (latency := manifest.latency) is not None:
+        lines.append(f"dropped: {format_count(latency.num_dropped, 'frame')} (latency {latency})")
     if all((run.folder / f"{name}.parquet").is_file() for name in ("detections", "tracks")):
         # Scores don't say how much came out where there is no truth.
         detections, tracks = len(run.detections.boxes), run.tracks.boxes
