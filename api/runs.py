@@ -10,7 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from fbench.api.scores import open_folder, score_folder
+from fbench.api.scores import IN_LOCKSTEP, open_folder, score_folder
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
@@ -209,7 +209,8 @@ def replay(
     failed: Callable[[BaseException], None] = lambda error: None,
     shared: SharedLogs | None = None,
 ) -> OpenRun:
-    """Replay a log into a pipeline, score the run, and report if that is requested.
+    """Replay a log into a pipeline, score the run, and report if that is requested. With latency it is replayed twice:
+    the second time in lockstep, into the folder `lockstep` of the run.
 
     Args:
         request: The log, the pipeline and all options.
@@ -239,6 +240,9 @@ def replay(
         if not request.redact:
             with guard(f"pipeline '{name}' can't give its stderr"):
                 keep_stderr(pipeline, folder)
+        if request.latency is not None:  # so that both can be compared
+            lockstep = replace(request, latency=None, overload=None, rate="max", no_media=True, report=False)
+            replay(replace(lockstep, out=folder / IN_LOCKSTEP), shared=shared)
         score_folder(folder, request.scoring)
 
     with open_requested(request, options.settings) as (pipeline, parameters), explain_losses(faults):
