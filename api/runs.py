@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
+from shutil import copytree
 from typing import TYPE_CHECKING, Any, Literal
 
 from fbench.api.scores import IN_LOCKSTEP, open_folder, score_folder
@@ -208,6 +209,7 @@ def replay(
     progress: Callable[[int], None] = lambda num_frames: None,
     failed: Callable[[BaseException], None] = lambda error: None,
     shared: SharedLogs | None = None,
+    lockstep: Path | None = None,
 ) -> OpenRun:
     """Replay a log into a pipeline, score the run, and report if that is requested. With latency it is replayed twice:
     the second time in lockstep, into the folder `lockstep` of the run.
@@ -217,6 +219,7 @@ def replay(
         progress: Gets the number of frames that are done.
         failed: Gets every exception that counts as a failed frame.
         shared: Messages that earlier replays of the same log under the same condition read.
+        lockstep: Folder of the same replay without latency, which is copied; `None`: it is replayed where it is needed.
 
     Raises:
         ConfigError: where an option isn't as expected, or the run folder exists or can't be written.
@@ -224,14 +227,15 @@ def replay(
         RunError: where the pipeline keeps failing.
     """
     options, name = request.resolve(), name_pipeline(request)
-    clock, start = make_clock(request.rate, options.sync.max_gap_ns), time.monotonic()
+    rate = "max" if request.latency is not None else request.rate  # with latency the queue has it, and nobody waits
+    clock, start = make_clock(rate, options.sync.max_gap_ns), time.monotonic()
     faults, variant, entry = FaultLog(), request.variant, None
     if variant is not None:
         sets = [parameter for parameter, _ in variant.settings]
         entry = VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
 
     def complete(folder: Path) -> None:
-        host = {**describe_host(), "rate": request.rate, "wall_s": round(time.monotonic() - start, 3)}
+        host = {**describe_host(), "rate": rate, "wall_s": round(time.monotonic() - start, 3)}
         pace = clock.pace
         known = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
         host |= {"isolated": True} if request.isolate else {}
@@ -240,9 +244,11 @@ def replay(
         if not request.redact:
             with guard(f"pipeline '{name}' can't give its stderr"):
                 keep_stderr(pipeline, folder)
-        if request.latency is not None:  # so that both can be compared
-            lockstep = replace(request, latency=None, overload=None, rate="max", no_media=True, report=False)
-            replay(replace(lockstep, out=folder / IN_LOCKSTEP), shared=shared)
+        if lockstep is not None:
+            copytree(lockstep, folder / IN_LOCKSTEP)
+        elif request.latency is not None:  # so that both can be compared
+            same = replace(request, latency=None, overload=None, rate="max", no_media=True, report=False)
+            replay(replace(same, out=folder / IN_LOCKSTEP), shared=shared)
         score_folder(folder, request.scoring)
 
     with open_requested(request, options.settings) as (pipeline, parameters), explain_losses(faults):

@@ -159,13 +159,15 @@ class _Loop:
         frames = ((frame, self.stream.rig) for frame in self.stream.frames(reader))
         if self._plan.latency is None:
             for frame, rig in frames:
-                yield self._record(frame, rig, self._step(frame, rig))
+                self._record(frame, rig, self._step(frame, rig))
+                yield
             return
         queue = ServiceQueue(self._plan.latency.policy, self._serve)
         arrivals = ((item, self.stream.buffer.ready_ns[item[0].index]) for item in frames)
         for (frame, rig), service in queue.run(arrivals):
             self._num_dropped += service is None
-            yield self._record(frame, rig, _Step() if service is None else service.result, service)
+            self._record(frame, rig, _Step() if service is None else service.result, service)
+            yield
 
     def _serve(self, item: tuple[Frame, Rig]) -> tuple[_Step, int]:
         """Run the pipeline on a frame, say how much log time passes. Raises ConfigError where nobody measured it."""
@@ -353,7 +355,7 @@ class _Loop:
         first, *changed = (manifest.rig_entry(segment, rig) for segment, rig in sorted(stream.rigs.items()))
         latency = None
         if plan.latency is not None:
-            how = {"service_ns": plan.latency.fixed_ns, "overload": str(plan.latency.policy)}
+            how: dict[str, object] = {"service_ns": plan.latency.fixed_ns, "overload": str(plan.latency.policy)}
             how |= {"rate": float(plan.latency.rate), "num_dropped": self._num_dropped}
             latency = manifest.LatencyEntry.model_validate(how)
         limits = ("timeout_ns", "tolerance_ns", "max_gap_ns", "max_jump_ns")

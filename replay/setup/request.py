@@ -86,7 +86,7 @@ class ReplayRequest:
     overload: str | None = None
     """What becomes of frames that come meanwhile: `newest` (also by `None`), `skip` or `fifo:N`."""
     rate: str = "max"
-    """Pace: `max`, or a multiple of real time such as `0.5`."""
+    """Pace: `max`, or a multiple of real time such as `0.5`; with latency, how fast log time passes meanwhile."""
     read_ahead: str = "auto"
     """Messages to decode in advance: a number, `all` or `auto`."""
     on_fault: str = "strict"
