@@ -80,18 +80,17 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
     folder = request.replay.out or Path("runs/sweep")
     if folder.exists() and not request.replay.overwrite:
         raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
-    rows, first = list[SweepRow](), None
+    rows, runs = list[SweepRow](), list[Run]()
     rates = list(dict.fromkeys(request.rates))
     for num, rate in enumerate(rates):
         progress(num, len(rates))
-        out = folder / f"rate-{rate}"
-        run = replay(replace(request.replay, rate=rate, out=out), lockstep=first and first.folder / IN_LOCKSTEP).run
-        first = first or run
-        rows.append(_row(run, request.budget_ms))
+        one = replace(request.replay, rate=rate, out=folder / f"rate-{rate}")
+        runs.append(replay(one, lockstep=runs[0].folder / IN_LOCKSTEP if runs else None).run)
+        rows.append(_row(runs[-1], request.budget_ms))
     model = options.latency or LatencyModel()
-    lockstep = Run(folder / f"rate-{rates[0]}" / IN_LOCKSTEP)
-    ready_ns = [frame.ready_ns or 0 for frame in first.frames] if first else []
-    service_ns = [model.fixed_ns] * len(ready_ns) if model.fixed_ns is not None else _measured_ns(lockstep)
+    ready_ns = [frame.ready_ns or 0 for frame in runs[0].frames]
+    measured_ns = _measured_ns(Run(runs[0].folder / IN_LOCKSTEP))
+    service_ns = measured_ns if model.fixed_ns is None else [model.fixed_ns] * len(ready_ns)
     largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(request.budget_ms * 1e6))
     found = Sweep(folder, rows, largest)
     replace_text(folder / "sweep.json", json.dumps(sweep_content(found), indent=1, allow_nan=False) + "\n")
@@ -139,7 +138,7 @@ def find_sustainable_rate(
     """
 
     def keeps_up(rate: Fraction) -> bool:
-        queue = ServiceQueue(policy, lambda frame: (None, int(service_ns[frame] * rate)))
+        queue = ServiceQueue[int, None](policy, lambda frame: (None, int(service_ns[frame] * rate)))
         limit_ns, missed = int(budget_ns * rate), 0
         for frame, service in queue.run(enumerate(ready_ns)):
             missed += service is None or service.done_ns - ready_ns[frame] > limit_ns

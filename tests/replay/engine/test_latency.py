@@ -93,8 +93,9 @@ def test_rate_makes_latency_longer_in_log_time(tmp_path):
 
 
 def test_frames_are_ready_when_complete_or_given_up(tmp_path):
-    items = [cloud(0), scan(0), cloud(100 * MS, late_ns=20 * MS), scan(100 * MS), cloud(200 * MS), cloud(300 * MS)]
-    run = play(FakeLog([*items, scan(300 * MS)]), tmp_path / "run", latency=LatencyModel(0), sync=LIDAR)
+    late = cloud(100 * MS, late_ns=20 * MS)
+    log = FakeLog([cloud(0), scan(0), late, scan(100 * MS), cloud(200 * MS), cloud(300 * MS), scan(300 * MS)])
+    run = play(log, tmp_path / "run", latency=LatencyModel(0), sync=LIDAR)
     # The third lacks radar until its time-out of 30 ms.
     assert [f.ready_ns // MS for f in run.frames] == [0, 120, 230, 300]
 
