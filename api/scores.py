@@ -230,9 +230,10 @@ def require_truth(run: Run) -> None:
 def _score_again(run: Run, request: ScoreRequest) -> ScoreResult:
     warnings: tuple[str, ...] = ()
     if request.truth is not None:
-        found = relabel(
-            run, request.truth, classes_of(request.config), make_max_between_ns(request.interpolate_truth_ms)
-        )
+        max_between_ns = make_max_between_ns(request.interpolate_truth_ms)
+        found = relabel(run, request.truth, classes_of(request.config), max_between_ns)
+        if run.manifest.latency is not None:
+            relabel(Run(run.folder / IN_LOCKSTEP), request.truth, classes_of(request.config), max_between_ns)
         labeled = f"{found.num_matched} of {run.manifest.num_frames} frames"
         labeled += f", {found.num_between} of them by interpolation" if found.num_between else ""
         warnings = (f"truth: {request.truth.path.name} has {found.num_truths} instants and labels {labeled}",)

@@ -27,6 +27,9 @@ from fbench.replay.runs.folder import FrameRecord, Run
 from fbench.replay.runs.tables import BoxTable
 
 METRICS = ("f1", "precision", "recall", "ap", "mota", "idf1", "hota")
+_NUM_PAST, _LONGEST_PAST_S = 5, 0.5
+"""Outputs, the last one included, and time over which the motion of a box in an image is fitted: two of them alone are
+too rough, since sides of boxes jitter by pixels."""
 _NO_OUTPUT = "no output was ready at any instant"
 
 
@@ -85,7 +88,7 @@ class StreamedRun(SharedRun):
     As they are, outputs keep their coordinates: those of the body, or of the images, at the instant that they are
     about. A forecast moves them to the frame's instant. Boxes in space go on with their velocity in a straight line
     and are seen from where the body is then, as far as the log has poses. Boxes in images go on as their track moved
-    since the output before. A detection that tells no velocity moves with the nearest track of its output, within 2 m
+    in its last outputs. A detection that tells no velocity moves with the nearest track of its output, within 2 m
     or from an IoU of 0.5 on; what nobody knows the velocity of stands still.
     """
 
@@ -144,7 +147,7 @@ class StreamedRun(SharedRun):
 
     def _rates(self, table: BoxTable) -> Float64:
         """Velocity [m/s] (N, 3) in body axes of each box in space, or how fast the sides of a box in an image move
-        [px/s] (N, 4), from where its track was in the output before; NaN where unknown.
+        [px/s] (N, 4), the least squares fit to its track so far (see `_NUM_PAST`); NaN where unknown.
         """
         boxes = table.boxes
         if isinstance(boxes, Boxes3D):
@@ -156,12 +159,18 @@ class StreamedRun(SharedRun):
         segment = np.array([frame.segment for frame in self.frames], np.int64)[row]
         camera = np.unique(boxes.camera, return_inverse=True)[1]
         order = np.lexsort([row, boxes.track_id, camera, segment])
-        before, here = order[:-1], order[1:]
-        keys = (segment, camera, boxes.track_id)
-        same: Bool = np.all([key[before] == key[here] for key in keys], axis=0) & (boxes.track_id[here] >= 0)
-        lapse_s = (self._stamp_ns[row[here]] - self._stamp_ns[row[before]]) * 1e-9
-        same &= lapse_s > 0
-        rates[here[same]] = (boxes.xyxy_px[here] - boxes.xyxy_px[before])[same] / lapse_s[same, None]
+        age_s = (self._stamp_ns[row[order]] - self._stamp_ns[row[order[:1]]]) * 1e-9
+        keys = np.column_stack([segment, camera, boxes.track_id])[order]
+        at = np.arange(len(order))[:, None] - np.arange(_NUM_PAST)
+        past = np.maximum(at, 0)  # (N, P) places in `order` of the box itself and of those before it
+        is_own: Bool = (at >= 0) & (keys[past] == keys[:, None]).all(axis=2) & (keys[:, 2:] >= 0)
+        is_own &= np.abs(age_s[past] - age_s[:, None]) <= _LONGEST_PAST_S
+        num = np.maximum(is_own.sum(axis=1), 1)[:, None]
+        x, y = age_s[past] - age_s[:, None], boxes.xyxy_px[order][past]
+        x = np.where(is_own, x - (x * is_own).sum(axis=1, keepdims=True) / num, 0.0)
+        spread = (x**2).sum(axis=1)
+        known = spread > 0
+        rates[order[known]] = (x[:, :, None] * (y - y[:, :1])).sum(axis=1)[known] / spread[known, None]
         return rates
 
 

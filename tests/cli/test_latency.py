@@ -4,6 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
+from tests.cli.conftest import messages as make_messages
+from tests.cli.conftest import write_log
+from tests.cli.test_score_truth import rows as truth_rows
 
 SLOW = ("--latency", "fixed:150ms", "--overload", "skip")
 
@@ -31,6 +34,8 @@ def test_the_price_of_latency(fbench, log):
     assert fbench("score", "a").code == 0
     assert Path("a/scores.json").read_bytes() == before
     assert fbench("report", "a", "plain", "-o", "both.html").code == 0
+    compared = fbench("compare", "plain", "a")
+    assert "latency: none -> fixed:150ms, overload skip, at 1x" in compared.out
 
 
 def test_no_latency_is_lockstep(fbench, log):
@@ -42,6 +47,18 @@ def test_no_latency_is_lockstep(fbench, log):
     assert forecast == lockstep
     assert streaming == {**lockstep, ("staleness", ""): 0.0}
     assert lockstep.items() <= own.items()
+
+
+def test_other_truth_counts_in_lockstep_too(fbench, tmp_path):
+    write_log(tmp_path / "bare.mcap", make_messages())
+    shown = fbench("replay", "bare.mcap", "-p", "lidar3d", "--latency", "fixed:0ms", "--all-around", "-o", "a")
+    assert shown.code == 0
+    assert set(rows("a", "lockstep").values()) == {None}
+    Path("truth.csv").write_text(truth_rows())
+    assert fbench("score", "a", "--truth", "truth.csv", "--all-around").code == 0
+    lockstep = rows("a", "lockstep")
+    assert {metric: value for (metric, matching), value in lockstep.items() if matching.startswith("bev")}["f1"] == 1
+    assert rows("a", "streaming, forecast") == lockstep
 
 
 @pytest.mark.parametrize(

@@ -179,3 +179,11 @@ def test_a_pipeline_without_tracks_has_no_scores_of_tracks(tmp_path):
     rows = {(row.metric, row.slice): row.value for row in score_streaming(run, ScoreOptions(), [])
             if not row.matching.startswith("iou")}  # fmt: skip
     assert rows["recall", STREAMING] == rows["recall", FORECAST] == pytest.approx(2 / 3)
+
+
+def test_motion_in_images_is_a_least_squares_fit(tmp_path):
+    """Left sides at 0, 10 and 26 px, 0.1 s apart: the slope is (26 - 0) / 0.2 s, so 39 px are next."""
+    found = [boxes2d((x, 100, x + 50, 140), ids=[3], score=[0.9]) for x in (0, 10, 26, 40)]
+    truths = [Truth(i * STEP, i * STEP, None, boxes) for i, boxes in enumerate(found)]
+    run = write(tmp_path / "run", [(boxes, boxes) for boxes in found], truths, STEP, front_camera())
+    np.testing.assert_allclose(streamed(run).tracks.at(3).xyxy_px, [[39, 100, 89, 140]])
