@@ -4,6 +4,7 @@ from fbench.api.bench import BenchRequest, OpenSuite, bench
 from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
 from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify
 from fbench.api.scores import FileScoreRequest, Resampling, ScoreRequest, ScoreResult, score, score_files
+from fbench.api.sweep import Sweep, SweepRequest, sweep
 from fbench.datasets.city.request import CityRequest
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.logs.setup import BoxSource
@@ -26,6 +27,8 @@ __all__ = [
     "ScoreRequest",
     "ScoreResult",
     "SimulateRequest",
+    "Sweep",
+    "SweepRequest",
     "bench",
     "compare",
     "open_log",
@@ -35,5 +38,6 @@ __all__ = [
     "score",
     "score_files",
     "simulate",
+    "sweep",
     "verify",
 ]

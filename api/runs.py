@@ -8,9 +8,10 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
+from shutil import copytree
 from typing import TYPE_CHECKING, Any, Literal
 
-from fbench.api.scores import open_folder, score_folder
+from fbench.api.scores import IN_LOCKSTEP, open_folder, score_folder
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
@@ -208,14 +209,17 @@ def replay(
     progress: Callable[[int], None] = lambda num_frames: None,
     failed: Callable[[BaseException], None] = lambda error: None,
     shared: SharedLogs | None = None,
+    lockstep: Path | None = None,
 ) -> OpenRun:
-    """Replay a log into a pipeline, score the run, and report if that is requested.
+    """Replay a log into a pipeline, score the run, and report if that is requested. With latency it is replayed twice:
+    the second time in lockstep, into the folder `lockstep` of the run.
 
     Args:
         request: The log, the pipeline and all options.
         progress: Gets the number of frames that are done.
         failed: Gets every exception that counts as a failed frame.
         shared: Messages that earlier replays of the same log under the same condition read.
+        lockstep: Folder of the same replay without latency, which is copied; `None`: it is replayed where it is needed.
 
     Raises:
         ConfigError: where an option isn't as expected, or the run folder exists or can't be written.
@@ -223,14 +227,15 @@ def replay(
         RunError: where the pipeline keeps failing.
     """
     options, name = request.resolve(), name_pipeline(request)
-    clock, start = make_clock(request.rate, options.sync.max_gap_ns), time.monotonic()
+    rate = "max" if request.latency is not None else request.rate  # with latency the queue has it, and nobody waits
+    clock, start = make_clock(rate, options.sync.max_gap_ns), time.monotonic()
     faults, variant, entry = FaultLog(), request.variant, None
     if variant is not None:
         sets = [parameter for parameter, _ in variant.settings]
         entry = VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
 
     def complete(folder: Path) -> None:
-        host = {**describe_host(), "rate": request.rate, "wall_s": round(time.monotonic() - start, 3)}
+        host = {**describe_host(), "rate": rate, "wall_s": round(time.monotonic() - start, 3)}
         pace = clock.pace
         known = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
         host |= {"isolated": True} if request.isolate else {}
@@ -239,6 +244,11 @@ def replay(
         if not request.redact:
             with guard(f"pipeline '{name}' can't give its stderr"):
                 keep_stderr(pipeline, folder)
+        if lockstep is not None:
+            copytree(lockstep, folder / IN_LOCKSTEP)
+        elif request.latency is not None:  # so that both can be compared
+            same = replace(request, latency=None, overload=None, rate="max", no_media=True, report=False)
+            replay(replace(same, out=folder / IN_LOCKSTEP), shared=shared)
         score_folder(folder, request.scoring)
 
     with open_requested(request, options.settings) as (pipeline, parameters), explain_losses(faults):
@@ -247,6 +257,7 @@ def replay(
             variant=entry,
             max_between_ns=options.max_between_ns,
             clock=clock,
+            latency=options.latency,
             budget=options.budget,
             redact=request.redact,
             num_media=0 if request.no_media else NUM_MEDIA,

@@ -26,6 +26,8 @@ FEWEST_RESAMPLES, MOST_RESAMPLES = 20, 100_000
 """Of fewer resamples the ends of 95 % are extremes of a handful; more take hours and memory and say nothing new."""
 _USUAL_RESAMPLES = 100
 OWN_PROFILE = "default"
+IN_LOCKSTEP = "lockstep"
+"""Folder in that of a run with latency: the same replay without."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,8 @@ def open_folder(folder: Path) -> Run:
 
 
 def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None) -> Run:
-    """Write `scores.json` and `latency.json` into a run folder and return the run.
+    """Write `scores.json` and `latency.json` into a run folder and return the run. Where the pipeline needed time, the
+    same replay in lockstep, which is kept inside, is scored first, and streaming scores are written, too.
 
     Args:
         folder: Of the run.
@@ -202,6 +205,10 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
         from fbench.metrics.runs.scoring import intervals_of_run
 
         scores = intervals_of_run(run, options, scores, how)
+    if run.manifest.latency is not None:
+        from fbench.metrics.runs.streaming import score_streaming
+
+        scores += score_streaming(run, options, score_folder(folder / IN_LOCKSTEP, options).scores)
     latency = json.dumps(summarize(run.frame_times, run.compiled_frames, run.clock), indent=1, allow_nan=False) + "\n"
     save_scores(folder / "scores.json", scores)
     replace_text(folder / "latency.json", latency)
@@ -223,9 +230,10 @@ def require_truth(run: Run) -> None:
 def _score_again(run: Run, request: ScoreRequest) -> ScoreResult:
     warnings: tuple[str, ...] = ()
     if request.truth is not None:
-        found = relabel(
-            run, request.truth, classes_of(request.config), make_max_between_ns(request.interpolate_truth_ms)
-        )
+        max_between_ns = make_max_between_ns(request.interpolate_truth_ms)
+        found = relabel(run, request.truth, classes_of(request.config), max_between_ns)
+        if run.manifest.latency is not None:
+            relabel(Run(run.folder / IN_LOCKSTEP), request.truth, classes_of(request.config), max_between_ns)
         labeled = f"{found.num_matched} of {run.manifest.num_frames} frames"
         labeled += f", {found.num_between} of them by interpolation" if found.num_between else ""
         warnings = (f"truth: {request.truth.path.name} has {found.num_truths} instants and labels {labeled}",)

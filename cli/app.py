@@ -32,6 +32,7 @@ from fbench.cli import (
     report,
     robust,
     score,
+    sweep,
     verify,
     weights,
 )
@@ -54,6 +55,7 @@ app.command("score", epilog=examples("score"))(score.score)
 app.command("report", epilog=examples("report"))(report.report)
 app.command("compare", epilog=examples("compare"))(compare.compare)
 app.command("robust", epilog=examples("robust"))(robust.robust)
+app.command("sweep", epilog=examples("sweep"))(sweep.sweep)
 app.command("verify", epilog=examples("verify"))(verify.verify)
 app.command("plugins", epilog=examples("plugins"))(plugins.plugins)
 log = typer.Typer(help="Inspect, check, convert, import, export, and simulate logs.", no_args_is_help=True)

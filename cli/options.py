@@ -177,6 +177,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench robust log.mcap -p late3d --suite faults --severity 3",
         "fbench robust a.mcap b.mcap -p late3d -p radar3d --condition fog:150m --condition dropout.lidar -o runs/mine",
     ),
+    "sweep": ("fbench sweep runs/demo/city.mcap -p lidar3d --latency fixed:80ms --rates 0.5,1,2",),
     "verify": (
         "fbench verify log.mcap -p lidar3d",
         "fbench verify log.mcap -p my_pipeline.py:MyPipeline --quick --repeat 3 --frames :50",

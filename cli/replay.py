@@ -15,6 +15,18 @@ def replay(
     pipeline: options.PipelineOrFile = None,
     settings: options.Settings = None,
     detect_every: options.DetectEvery = None,
+    latency: Annotated[
+        str | None,
+        Option(
+            metavar="HOW",
+            help="Frames that come while the pipeline works wait or are dropped, and outputs count from when they are "
+            "ready: 'measured', or a time such as 'fixed:80ms'. By default no frame is ever too late.",
+        ),
+    ] = None,
+    overload: Annotated[
+        str | None,
+        Option(metavar="HOW", help="With --latency: 'newest' waits (the default), 'fifo:N' wait, or 'skip'."),
+    ] = None,
     config: options.Config = None,
     rig: options.RigFiles = None,
     decoder: options.Decoders = None,
@@ -81,6 +93,8 @@ def replay(
         choose_pipeline(pipeline, results),
         settings=settings or (),
         detect_every=detect_every,
+        latency=latency,
+        overload=overload,
         sensors=sensors or (),
         reference=reference,
         timeout_ms=timeout_ms,

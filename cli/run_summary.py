@@ -8,14 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from fbench.cli.show import console, fault_lines, latency_table, print_json, say, score_notes, score_table
+from fbench.cli.show import console, fault_lines, latency_table, make_table, print_json, say, score_notes, score_table
 from fbench.replay.conditions.effects import describe
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.contracts.faults import UNVERIFIED
-from fbench.replay.data.scores import format_count
+from fbench.replay.data.scores import DASH, FORECAST, LOCKSTEP, STREAMING, format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import coverage_of, predictions_of
 
+_STREAMED = ("f1", "ap", "mota", "hota")
+_SLICES = (LOCKSTEP, STREAMING, FORECAST)
 _AMOUNT = re.compile(r" by [\d.]+ ms$")
 
 
@@ -30,8 +32,33 @@ def show_run(run: Run, as_json: bool) -> None:
     out = console()
     out.print(score_table(run.scores))
     say(*score_notes(run.scores), "")
+    if run.manifest.latency is not None:
+        _show_streaming(run)
     _show_latency(run.json("latency.json"))
     say("", *_status(run))
+
+
+def _show_streaming(run: Run) -> None:
+    """Print what is left of the scores in lockstep when outputs count from when they are ready."""
+    rows = {row.key: row for row in run.scores}
+    kept = [row for row in run.scores if row.slice == LOCKSTEP and row.metric in _STREAMED]
+    several = len({row.matching for row in kept if row.value is not None}) > 1
+    table = make_table("latency", *_SLICES, "price", right=(*_SLICES, "price"))
+    for row in kept:
+        values = [rows[row.metric, row.class_, name, row.matching].value for name in _SLICES]
+        lockstep, streaming, _ = values
+        if lockstep is None and streaming is None:
+            continue
+        price = DASH if lockstep is None or streaming is None else f"{lockstep - streaming:.3f}"
+        name = f"{row.metric}, {row.matching.partition(',')[0]}" if several else row.metric
+        table.add_row(name, *(DASH if value is None else f"{value:.3f}" for value in values), price)
+    if table.row_count:
+        console().print(table)
+    age = next(row for row in run.scores if row.metric == "staleness")
+    num = age.counts["without_output"]
+    lines = [f"outputs are {age.value:.1f} ms old on average" if age.value is not None else str(age.reason)]
+    lines += [f"{format_count(int(num), 'frame')} before the first output, in which nothing is found"] if num else []
+    say(*lines, "")
 
 
 def _show_latency(latency: dict[str, Any]) -> None:
@@ -55,6 +82,8 @@ def _status(run: Run) -> list[str]:
     manifest = run.manifest
     segments = format_count(manifest.num_segments, "segment")
     lines = [f"frames: {manifest.num_frames} in {segments}", f"truth: {coverage_of(run)}"]
+    if (latency := manifest.latency) is not None:
+        lines.append(f"dropped: {format_count(latency.num_dropped, 'frame')} (latency {latency})")
     if all((run.folder / f"{name}.parquet").is_file() for name in ("detections", "tracks")):
         # Scores don't say how much came out where there is no truth.
         detections, tracks = len(run.detections.boxes), run.tracks.boxes

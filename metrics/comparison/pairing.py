@@ -28,6 +28,7 @@ def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
         ("pipeline", base.pipeline, head.pipeline),
         ("frames", base.num_frames, head.num_frames),
         ("conditions", _conditions(base), _conditions(head)),
+        ("latency", str(base.latency or "none"), str(head.latency or "none")),
         *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
         *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
     ]

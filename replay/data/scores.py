@@ -10,6 +10,9 @@ from typing import Literal, TypeAlias
 from fbench.replay.contracts.errors import ConfigError, MetricError, RunError
 from fbench.replay.data.files import replace_text
 
+LOCKSTEP, STREAMING, FORECAST = "lockstep", "streaming", "streaming, forecast"
+"""Slices of a run with latency: each frame with its own output, however late; with the latest output that was ready at
+its instant; and with that moved on to the instant."""
 _OF_INTERVALS = ("low", "high", "interval")
 
 

@@ -57,6 +57,11 @@ class Clock:
         self._last = (log_ns, now_ns)
 
     @property
+    def rate(self) -> float | None:
+        """How fast log time passes, as asked; `None`: as fast as the pipeline works."""
+        return self._rate
+
+    @property
     def pace(self) -> Pace:
         """How fast log time passed so far, and how late waits returned."""
         log_ns, wall_ns = self._passed_log_ns, self._passed_wall_ns

@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 
 from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
 from fbench.replay.conditions.effects import Effects
-from fbench.replay.contracts.errors import INTERRUPTS, LogError, MissingPackageError, RunError, one_line
+from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, LogError, MissingPackageError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.protocols import (
@@ -36,6 +36,7 @@ from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import NOT_THERE, SyncParams
 from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.service_queue import LatencyModel, Service, ServiceQueue
 from fbench.replay.engine.shared import SharedReader
 from fbench.replay.engine.warm_up import WarmUp
 from fbench.replay.logs.setup import StampParams
@@ -70,6 +71,8 @@ class Plan:
     max_between_ns: int = 0
     """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
     clock: Clock = field(default_factory=Clock)
+    latency: LatencyModel | None = None
+    """How long the pipeline is taken to need, so that it misses frames that come meanwhile; `None`: lockstep."""
     budget: FaultBudget = field(default_factory=FaultBudget)
     """So much data may be lost without the run being incomplete."""
     redact: bool = False  # Leave out of the run what tells whose log it is; see `redact`
@@ -101,8 +104,7 @@ def replay(
     with RunWriter(folder, overwrite) as writer, closing(WarmUp()) as warm_up:
         loop = _Loop(reader, plan, faults, writer, warm_up, effects)
         loop.start()
-        for num_frames, frame in enumerate(loop.stream.frames(reader), 1):
-            loop.step(frame)
+        for num_frames, _ in enumerate(loop.steps(reader), 1):
             plan.progress(num_frames)
         loop.require_results()
         loop.finish(reader)
@@ -125,6 +127,16 @@ def _find_used(plan: Plan, rig: Rig) -> Callable[[str], bool]:
     return is_used
 
 
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """What running the pipeline on a frame gave."""
+
+    output: Output | None = None
+    failed: str | None = None
+    total_ns: int = 0  # Of the wall clock
+    compiled: bool = False  # Whether code was compiled or loaded meanwhile
+
+
 class _Loop:
     """The state of one replay."""
 
@@ -139,7 +151,7 @@ class _Loop:
         self._media = MediaKeeper(0 if plan.redact else plan.num_media)
         self._check = OutputCheck(self._rig)
         self._chain, self._failures = START, 0
-        self._num_detections = self._num_tracks = 0
+        self._num_detections = self._num_tracks = self._num_dropped = 0
         self._says_tracks = False  # Whether the pipeline ever said what it tracks, if only that it is nothing
         self._segment: int | None = None
         self._lacking: dict[str, list[int]] = {}  # Rows of the frames that lack a sensor, by sensor
@@ -169,12 +181,39 @@ class _Loop:
         self._effects.add_rig(self._rig, rig)
         return rig
 
-    def step(self, frame: Frame) -> None:
-        """Run the pipeline on one frame and record what it gives."""
+    def steps(self, reader: Reader) -> Iterator[None]:
+        """Run the pipeline on all frames that it gets and record what it gives, a frame a step."""
+        frames = ((frame, self.stream.rig) for frame in self.stream.frames(reader))
+        if self._plan.latency is None:
+            for frame, rig in frames:
+                self._record(frame, rig, self._step(frame, rig))
+                yield
+            return
+        queue = ServiceQueue(self._plan.latency.policy, self._serve)
+        arrivals = ((item, self.stream.buffer.ready_ns[item[0].index]) for item in frames)
+        for (frame, rig), service in queue.run(arrivals):
+            self._num_dropped += service is None
+            self._record(frame, rig, _Step() if service is None else service.result, service)
+            yield
+
+    def _serve(self, item: tuple[Frame, Rig]) -> tuple[_Step, int]:
+        """Run the pipeline on a frame, say how much log time passes. Raises ConfigError where nobody measured it."""
+        model, step = self._plan.latency or LatencyModel(), self._step(*item)
+        if model.fixed_ns is None and step.output is not None and step.output.clock != "host":
+            raise ConfigError(
+                f"--latency measured: the results of pipeline '{self._plan.name}' were computed elsewhere, so nothing "
+                "is measured here; give a time, such as --latency fixed:80ms"
+            )
+        return step, model.service_ns(step.total_ns)
+
+    def _step(self, frame: Frame, rig: Rig) -> _Step:
         num_compiled, start = self._warm_up.count(), time.perf_counter_ns()
-        output, failed = self._run_pipeline(frame)
+        output, failed = self._run_pipeline(frame, rig)
         total_ns = time.perf_counter_ns() - start
-        compiled = self._warm_up.count() > num_compiled
+        return _Step(output, failed, total_ns, self._warm_up.count() > num_compiled)
+
+    def _record(self, frame: Frame, rig: Rig, step: _Step, service: Service[_Step] | None = None) -> None:
+        output, failed = step.output, step.failed
         stamp, segment = frame.stamp_ns, frame.segment
         results = None if output is None else self._note_tracks(output)
         for sensor in frame.missing:
@@ -190,12 +229,18 @@ class _Loop:
         number, chain = frame.frame_number, self._chain
         parts = {} if output is None else output.digests
         record = FrameRecord(frame.index, stamp, segment, number, missing, frame_digest, chain, failed, stages=parts)
+        if self._plan.latency is not None:
+            start_ns, done_ns = (None, None) if service is None else (service.start_ns, service.done_ns)
+            ready_ns = self.stream.buffer.ready_ns[frame.index]
+            record = replace(record, ready_ns=ready_ns, start_ns=start_ns, done_ns=done_ns)
         stages = {} if output is None else output.stage_ns
-        if output is None or output.clock == "host":
-            self._writer.add_frame(record, {**stages, "total": total_ns}, "host", compiled)
+        if record.is_dropped:
+            self._writer.add_frame(record, {})
+        elif output is None or output.clock == "host":
+            self._writer.add_frame(record, {**stages, "total": step.total_ns}, "host", step.compiled)
         else:
             self._writer.add_frame(record, {**stages, "total": sum(stages.values())} if stages else {}, "log")
-        self._media.offer(self.stream.rig, frame)
+        self._media.offer(rig, frame)
 
     def _note_tracks(self, output: Output) -> tuple[Boxes, Boxes]:
         """Return detections and tracks, and remember whether there ever were any."""
@@ -217,11 +262,11 @@ class _Loop:
                 return bool(says)
         return self._says_tracks and not self._num_detections
 
-    def _run_pipeline(self, frame: Frame) -> tuple[Output | None, str | None]:
+    def _run_pipeline(self, frame: Frame, rig: Rig) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
         pipeline, changed = self._plan.pipeline, None
-        if self._rig is not self.stream.rig:
-            self._rig = self.stream.rig
+        if self._rig is not rig:
+            self._rig = rig
             changed = self._disturb_rig()
         try:
             if changed is not None:
@@ -251,7 +296,7 @@ class _Loop:
 
     def require_results(self) -> None:
         """Refuse to write nothing. Raises LogError without a frame, RunError where all frames failed."""
-        records = self._writer.records
+        records = [record for record in self._writer.records if not record.is_dropped]
         self.stream.require_frames(self._info.name)
         if all(record.failed is not None for record in records):
             frames = format_count(len(records), "frame")
@@ -335,6 +380,11 @@ class _Loop:
                 identity = dict(plan.pipeline.identity())
                 json.dumps(identity, allow_nan=False)
         first, *changed = (manifest.rig_entry(segment, rig) for segment, rig in sorted(stream.rigs.items()))
+        latency = None
+        if plan.latency is not None:
+            how: dict[str, object] = {"service_ns": plan.latency.fixed_ns, "overload": str(plan.latency.policy)}
+            how |= {"rate": float(plan.latency.rate), "num_dropped": self._num_dropped}
+            latency = manifest.LatencyEntry.model_validate(how)
         limits = ("timeout_ns", "tolerance_ns", "max_gap_ns", "max_jump_ns")
         metadata = dict(sorted(info.metadata.items()))
         frames = manifest.FrameEntry(
@@ -360,6 +410,7 @@ class _Loop:
             inputs=list(plan.inputs),
             truth=plan.truth,
             interpolation=manifest.InterpolationEntry(max_gap_ns=plan.max_between_ns, num_frames=stream.num_between),
+            latency=latency,
             mounts=first.mounts,
             cameras=first.cameras,
             images=dict(sorted(self._media.sizes_wh.items())),

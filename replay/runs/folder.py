@@ -30,6 +30,7 @@ _FRAMES_AT_ONCE = 256
 _CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
 _STAGES = "stages"
 _MAPPINGS = ("missing", _STAGES)  # Fields of frames that are kept as JSON
+_OF_LATENCY = ("ready_ns", "start_ns", "done_ns")  # Fields of frames that runs in lockstep don't have
 FRAMES, POSE = "frames.parquet", "pose"  # The table of frames; its column that is there where the log has poses
 
 
@@ -51,6 +52,16 @@ class FrameRecord:
     """
     truth_spaces: str = ""  # What is labeled: `3d`, `2d` or `3d 2d`
     stages: Mapping[str, str] = field(default_factory=dict)  # Digests of what single stages gave, in their order
+    ready_ns: int | None = None
+    """Log time at which the frame was there; `None`, as the next two, in a run in lockstep."""
+    start_ns: int | None = None  # Log time at which the pipeline began with it
+    done_ns: int | None = None
+    """Log time at which the pipeline was done with it; `None`: it was dropped."""
+
+    @property
+    def is_dropped(self) -> bool:
+        """Whether the pipeline was too busy to get it."""
+        return self.ready_ns is not None and self.done_ns is None
 
 
 class RunWriter:
@@ -171,7 +182,8 @@ def write_frames(path: Path, records: Sequence[FrameRecord], poses: Float64 | No
     each: position [m] and quaternion x, y, z, w, NaN where unknown.
     """
     columns: dict[str, pa.Array] = {}
-    for f in fields(FrameRecord):
+    is_timed = any(record.ready_ns is not None for record in records)
+    for f in (f for f in fields(FrameRecord) if is_timed or f.name not in _OF_LATENCY):
         values = [getattr(record, f.name) for record in records]
         if f.name in _MAPPINGS:
             values = [json.dumps(dict(sorted(v.items()) if f.name == "missing" else v)) for v in values]
@@ -199,6 +211,8 @@ class Run:
         path = self.folder / FRAMES
         table = read_table(path)
         names = [f.name for f in fields(FrameRecord)]
+        if _OF_LATENCY[0] not in table.column_names:
+            names = [name for name in names if name not in _OF_LATENCY]
         if _STAGES not in table.column_names:  # In runs of before there were digests of stages
             names.remove(_STAGES)
         if sorted(set(table.column_names) - {POSE}) != sorted(names):

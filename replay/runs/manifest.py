@@ -127,6 +127,19 @@ class InterpolationEntry(_Strict):
     num_frames: int = 0
 
 
+class LatencyEntry(_Strict):
+    """How long the pipeline was taken to need for frames, and what became of those that came meanwhile."""
+
+    service_ns: int | None  # The same for each frame, in time of the wall clock; `None`: as measured in this run
+    overload: str  # `newest`, `skip` or `fifo:N`
+    rate: float = 1.0  # Log time passed so many times as fast as the wall clock
+    num_dropped: int  # Frames that the pipeline didn't get
+
+    def __str__(self) -> str:
+        how = "measured" if self.service_ns is None else f"fixed:{self.service_ns / 1e6:.12g}ms"
+        return f"{how}, overload {self.overload}, at {self.rate:g}x"
+
+
 class VariantEntry(_Strict):
     """The variant of a pipeline that ran."""
 
@@ -156,6 +169,7 @@ class Manifest(_Strict):
     inputs: list[InputEntry] = []  # Files beside the log that decided how it was read
     truth: TruthEntry | None = None  # `None`: ground truth is the log's own
     interpolation: InterpolationEntry = InterpolationEntry()
+    latency: Annotated[LatencyEntry | None, Field(exclude_if=lambda entry: entry is None)] = None  # `None`: lockstep
     mounts: dict[str, MountEntry]
     cameras: dict[str, CameraEntry]
     images: dict[str, tuple[int, int]] = {}  # Size [px] of the images of cameras that aren't calibrated

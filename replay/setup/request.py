@@ -16,9 +16,11 @@ from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.contracts.variants import Variant, sensors_of, variant_of
 from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.excerpt import Excerpt, make_excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.read_ahead import make_limit
+from fbench.replay.engine.service_queue import LatencyModel, make_latency
 from fbench.replay.logs.setup import BoxSource, StampParams
 from fbench.replay.setup.source import LogRequest, LogSource, log_source
 from fbench.replay.truth.times import make_max_between_ns
@@ -79,8 +81,12 @@ class ReplayRequest:
     out: Path | None = None
     """Run folder; `None`: `runs/LOG-PIPELINE`."""
     overwrite: bool = False
+    latency: str | None = None
+    """How long the pipeline is taken to need: `measured`, or a time such as `fixed:80ms`; `None`: lockstep."""
+    overload: str | None = None
+    """What becomes of frames that come meanwhile: `newest` (also by `None`), `skip` or `fifo:N`."""
     rate: str = "max"
-    """Pace: `max`, or a multiple of real time such as `0.5`."""
+    """Pace: `max`, or a multiple of real time such as `0.5`; with latency, how fast log time passes meanwhile."""
     read_ahead: str = "auto"
     """Messages to decode in advance: a number, `all` or `auto`."""
     on_fault: str = "strict"
@@ -143,6 +149,7 @@ class ReplayRequest:
             tuple(sensors_of(self.pipeline, sensors) if self.pipeline else sensors),
             make_limit(self.read_ahead),
             parse_budget(self.on_fault, self.fault_budget),
+            make_latency(self.latency, self.overload, make_clock(self.rate, 0).rate),
         )
 
 
@@ -160,6 +167,7 @@ class ReplayOptions:
     sensors: tuple[str, ...]
     read_ahead: int | None  # Messages to decode in advance; `None`: as many as fit into the memory set aside for it
     budget: FaultBudget
+    latency: LatencyModel | None  # `None`: lockstep
 
 
 def make_disturbance(source: LogSource, condition: str, seed: int) -> Disturbance:

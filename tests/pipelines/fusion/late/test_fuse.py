@@ -52,7 +52,7 @@ def test_a_box_that_guesses_another_distance_does_not_move_what_lidar_and_radar_
     """A camera by night takes the light about a car for a nearer, larger one."""
     box = car(28.0)
     ((left, top, right, bottom),) = outline(box).xyxy_px
-    large = replace(outline(box), xyxy_px=np.array([[left - 80, top - 64, right + 80, bottom + 160]]))
+    large = replace(outline(box), xyxy_px=np.array([[left - 40, top - 64, right + 40, bottom + 160]]))
     assert fuse(seen(large), PARAMS).center_m[0, 0] < 12.0
     found = fuse(seen(large, lidar_view(box), radar_view(box)), PARAMS)
     assert found.sources.tolist() == [7]

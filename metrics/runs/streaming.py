@@ -1,0 +1,195 @@
+"""Streaming scores: results compared with truth at the moment they are ready, as sAP does (Li et al. 2020, Towards
+Streaming Perception, arXiv 2005.10420).
+
+At the instant of each frame the latest finished output counts: of the frames up to it, in its segment, the last one
+whose output was done when the frame was ready for the pipeline; nothing where there is none. So without latency each
+frame is paired with its own output, as in lockstep, and how long messages travel is no latency of the pipeline.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fbench.metrics.core.slices import VEHICLE
+from fbench.metrics.detection.scores import DetectionCounts, detection_counts
+from fbench.metrics.runs import detection, tracking
+from fbench.metrics.runs.places import SharedRun
+from fbench.metrics.runs.spaces import measure_classes, views
+from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
+from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, Score, ScoreOptions
+from fbench.replay.geometry.iou import distance_bev, iou_2d, move_boxes
+from fbench.replay.geometry.transforms import chain, inverse, pose_matrices
+from fbench.replay.runs.folder import FrameRecord, Run
+from fbench.replay.runs.tables import BoxTable
+
+METRICS = ("f1", "precision", "recall", "ap", "mota", "idf1", "hota")
+_NUM_PAST, _LONGEST_PAST_S = 5, 0.5
+"""Outputs, the last one included, and time over which the motion of a box in an image is fitted: two of them alone are
+too rough, since sides of boxes jitter by pixels."""
+_NO_OUTPUT = "no output was ready at any instant"
+
+
+def score_streaming(run: Run, options: ScoreOptions, lockstep: Sequence[Score]) -> list[Score]:
+    """Return the rows of a run with latency: those of all vehicles in lockstep, taken from the scores of the same
+    replay without latency, then streaming without and with a forecast, in each space, then how old outputs are.
+    Raises MetricError where an id occurs twice in one frame.
+    """
+    source = pair_outputs(run.frames)
+    rows = [replace(row, slice=LOCKSTEP) for row in _select(lockstep)]
+    for name in (STREAMING, FORECAST):
+        streamed = StreamedRun(run.folder, run, source, name == FORECAST)
+        detected, tracked = (views(streamed, table, options) for table in (streamed.detections, streamed.tracks))
+        found = measure_classes(detected, streamed.detections, detection_counts, DetectionCounts())
+        own = [row for entry in found for row in detection.rows_of(entry)]
+        own += [row for entry in tracking.measure_tracks(streamed, tracked) for row in tracking.rows_of(entry)]
+        rows += [replace(row, slice=name) for row in _select(own)]
+    return [*rows, _staleness(run.frames, source)]
+
+
+def _select(rows: Sequence[Score]) -> list[Score]:
+    wanted = (row for row in rows if row.slice == "all" and row.class_ == VEHICLE.name)
+    return [replace(row, low=None, high=None, interval=None) for row in wanted if row.metric in METRICS]
+
+
+def _staleness(frames: Sequence[FrameRecord], source: Int64) -> Score:
+    stamps = np.array([frame.stamp_ns for frame in frames], np.int64)
+    kept = source >= 0
+    age_ns, num = int((stamps[kept] - stamps[source[kept]]).sum()), int(kept.sum())
+    counts = {"age_ns": age_ns, "frames": num, "without_output": len(frames) - num}
+    value = age_ns / num / 1e6 if num else None
+    return Score("staleness", "all", STREAMING, "", value, None if num else _NO_OUTPUT, "ms", counts)
+
+
+def pair_outputs(frames: Sequence[FrameRecord]) -> Int64:
+    """Return the row (F,) of the frame whose output counts at the instant of each frame; -1: there is none. A frame
+    that failed has an output in which nothing is found; one that was dropped has none.
+    """
+    source = np.full(len(frames), -1, np.int64)
+    latest, segment, pending = -1, -1, deque[tuple[int, int]]()
+    for row, frame in enumerate(frames):
+        if frame.segment != segment:
+            latest, segment, pending = -1, frame.segment, deque()
+        if frame.done_ns is not None:
+            pending.append((frame.done_ns, row))
+        while pending and frame.ready_ns is not None and pending[0][0] <= frame.ready_ns:
+            latest = pending.popleft()[1]
+        source[row] = latest
+    return source
+
+
+@dataclass(frozen=True, eq=False)
+class StreamedRun(SharedRun):
+    """A run whose frames have the outputs that were the latest at their instants.
+
+    As they are, outputs keep their coordinates: those of the body, or of the images, at the instant that they are
+    about. A forecast moves them to the frame's instant. Boxes in space go on with their velocity in a straight line
+    and are seen from where the body is then, as far as the log has poses. Boxes in images go on as their track moved
+    in its last outputs. A detection that tells no velocity moves with the nearest track of its output, within 2 m
+    or from an IoU of 0.5 on; what nobody knows the velocity of stands still.
+    """
+
+    base: Run
+    source: Int64
+    """(F,) as `pair_outputs` returns."""
+    has_forecast: bool
+
+    @cached_property
+    def frames(self) -> tuple[FrameRecord, ...]:
+        """All frames, in order."""
+        return self.base.frames
+
+    @cached_property
+    def detections(self) -> BoxTable:
+        """Detections as they were known at each frame's instant."""
+        table, tracks = self.base.detections, self.base.tracks
+        return self._place(table, _lend_rates(table, self._rates(table), tracks, self._rates(tracks)))
+
+    @cached_property
+    def tracks(self) -> BoxTable:
+        """Tracks as they were known at each frame's instant."""
+        return self._place(self.base.tracks, self._rates(self.base.tracks))
+
+    def _place(self, table: BoxTable, rates: Float64) -> BoxTable:
+        """Give each frame the boxes of the output that counts. `rates` (N, 3 or 4) as `_rates` returns."""
+        parts, indices = [table.boxes[:0]], [np.zeros(0, np.int64)]
+        for row, source in enumerate(self.source.tolist()):
+            start, stop = np.searchsorted(table.frames, self._index[source] + np.arange(2)) if source >= 0 else (0, 0)
+            boxes = table.boxes[start:stop]
+            if self.has_forecast and source != row and len(boxes):
+                boxes = self._move(boxes, np.nan_to_num(rates[start:stop], posinf=0.0, neginf=0.0), source, row)
+            parts.append(boxes)
+            indices.append(np.full(len(boxes), self._index[row]))
+        return BoxTable(np.concatenate(indices), concatenate(parts))  # type: ignore[type-var]
+
+    def _move(self, boxes: Boxes2D | Boxes3D, rates: Float64, source: int, row: int) -> Boxes2D | Boxes3D:
+        """Move boxes (N,) of frame `source` to the instant of frame `row`."""
+        shift = rates * ((self._stamp_ns[row] - self._stamp_ns[source]) * 1e-9)
+        if isinstance(boxes, Boxes2D):
+            low, high = np.split(boxes.xyxy_px + shift, 2, axis=1)
+            return replace(boxes, xyxy_px=np.hstack([low, np.maximum(low, high)]))  # sides never pass each other
+        moved, poses = replace(boxes, center_m=boxes.center_m + shift), self.base.poses[[source, row]]
+        if not np.isfinite(poses).all():
+            return moved
+        world_T_source, world_T_row = pose_matrices(poses[:, :3], poses[:, 3:])
+        return move_boxes(moved, chain(inverse(world_T_row), world_T_source))
+
+    @cached_property
+    def _index(self) -> Int64:
+        return np.array([frame.index for frame in self.frames], np.int64)
+
+    @cached_property
+    def _stamp_ns(self) -> Int64:
+        return np.array([frame.stamp_ns for frame in self.frames], np.int64)
+
+    def _rates(self, table: BoxTable) -> Float64:
+        """Velocity [m/s] (N, 3) in body axes of each box in space, or how fast the sides of a box in an image move
+        [px/s] (N, 4), the least squares fit to its track so far (see `_NUM_PAST`); NaN where unknown.
+        """
+        boxes = table.boxes
+        if isinstance(boxes, Boxes3D):
+            return np.full((len(boxes), 3), np.nan) if boxes.velocity_mps is None else boxes.velocity_mps
+        rates = np.full((len(boxes), 4), np.nan)
+        if boxes.track_id is None:
+            return rates
+        row = np.searchsorted(self._index, table.frames)
+        segment = np.array([frame.segment for frame in self.frames], np.int64)[row]
+        camera = np.unique(boxes.camera, return_inverse=True)[1]
+        order = np.lexsort([row, boxes.track_id, camera, segment])
+        age_s = (self._stamp_ns[row[order]] - self._stamp_ns[row[order[:1]]]) * 1e-9
+        keys = np.column_stack([segment, camera, boxes.track_id])[order]
+        at = np.arange(len(order))[:, None] - np.arange(_NUM_PAST)
+        past = np.maximum(at, 0)  # (N, P) places in `order` of the box itself and of those before it
+        is_own: Bool = (at >= 0) & (keys[past] == keys[:, None]).all(axis=2) & (keys[:, 2:] >= 0)
+        is_own &= np.abs(age_s[past] - age_s[:, None]) <= _LONGEST_PAST_S
+        num = np.maximum(is_own.sum(axis=1), 1)[:, None]
+        x, y = age_s[past] - age_s[:, None], boxes.xyxy_px[order][past]
+        x = np.where(is_own, x - (x * is_own).sum(axis=1, keepdims=True) / num, 0.0)
+        spread = (x**2).sum(axis=1)
+        known = spread > 0
+        rates[order[known]] = (x[:, :, None] * (y - y[:, :1])).sum(axis=1)[known] / spread[known, None]
+        return rates
+
+
+def _lend_rates(table: BoxTable, rates: Float64, tracks: BoxTable, track_rates: Float64) -> Float64:
+    """Return the rates of detections (N, 3 or 4), those that aren't known from the nearest track of the same frame."""
+    rates = rates.copy()
+    for frame in np.unique(table.frames[~np.isfinite(rates).all(axis=1)]):
+        (a, b), (c, d) = (np.searchsorted(side.frames, [frame, frame + 1]) for side in (table, tracks))
+        if c == d:
+            continue
+        found, known, lent = table.boxes[a:b], tracks.boxes[c:d], track_rates[c:d]
+        if isinstance(found, Boxes2D) and isinstance(known, Boxes2D):
+            similarity = np.where(found.camera[:, None] == known.camera, iou_2d(found.xyxy_px, known.xyxy_px), 0) - 0.5
+        elif isinstance(found, Boxes3D) and isinstance(known, Boxes3D):
+            similarity = 2.0 - distance_bev(found.center_m, known.center_m)
+        else:
+            continue
+        best = np.nan_to_num(similarity, nan=-1.0).argmax(axis=1)
+        near = similarity[np.arange(b - a), best] >= 0
+        unknown = near & ~np.isfinite(rates[a:b]).all(axis=1)
+        rates[a:b][unknown] = lent[best[unknown]]
+    return rates

@@ -1,0 +1,75 @@
+"""Sweeps over rates: the largest rate that is sustained, and what the command prints and writes."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.cli.conftest import fbench, log  # noqa: F401
+
+from fbench.api.sweep import SweepRequest, find_sustainable_rate
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.engine.service_queue import Policy
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
+
+MS = 1_000_000
+TEN_HZ = [100 * MS * i for i in range(1000)]
+
+
+def rate(service_ms, policy="newest", budget_ms=100, depth=0):
+    service = [round(service_ms * MS)] * len(TEN_HZ)
+    return find_sustainable_rate(TEN_HZ, service, Policy(policy, depth), round(budget_ms * MS))
+
+
+def test_a_pipeline_keeps_up_as_long_as_a_frame_takes_no_longer_than_the_next_one_needs_to_come():
+    assert rate(40, "skip") == 2.5
+    assert rate(200, "skip", budget_ms=1000) == 0.5
+    # The newest: of 1000 frames 9 may be dropped, so 1000 - 9 must fit.
+    assert 2.5 <= rate(40) <= 2.5 / (1 - 0.01)
+
+
+def test_without_latency_any_rate_is_sustained_and_beyond_the_budget_none():
+    assert rate(0) == 1024
+    assert rate(101) is None
+    assert rate(100) >= 1
+
+
+def test_frames_that_wait_in_line_miss_their_deadline():
+    # In a long line nothing is dropped, but what waits is late: soon above 2.5 all are.
+    assert 2.5 <= rate(40, "fifo", depth=1000) < 2.53
+
+
+@pytest.mark.parametrize(
+    ("latency", "rates", "budget_ms", "line"),
+    [
+        (None, ["1"], 100, "give --latency"),
+        ("measured", [], 100, "--rates: names no rate"),
+        ("measured", ["max"], 100, "--rates: expected positive numbers"),
+        ("measured", ["-1"], 100, "--rate -1: expected"),
+        ("measured", ["1"], 0, "--budget-ms 0: expected more than 0"),
+    ],
+)
+def test_options_that_make_no_sense(latency, rates, budget_ms, line):
+    replay = ReplayRequest(LogRequest(Path("a.mcap")), "lidar3d", latency=latency)
+    with pytest.raises(ConfigError, match=line):
+        SweepRequest(replay, rates, budget_ms)
+
+
+def test_the_command(fbench, log):  # noqa: F811
+    words = ("sweep", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rates", "1,4", "-o", "a")
+    shown = fbench(*words)
+    assert shown.code == 0
+    assert shown.out.split()[:5] == ["rate", "dropped", "%", "missed", "%"]
+    assert "sustained up to 1." in shown.out
+    content = json.loads(Path("a/sweep.json").read_text())
+    slow, fast = content["rates"]
+    assert (slow["rate"], slow["frames"], slow["dropped"], slow["missed"]) == (1, 6, 0, 0)
+    assert fast["dropped"] > 0
+    assert slow["scores"]["lockstep"] == fast["scores"]["lockstep"]
+    manifests = [json.loads(Path("a", name, "manifest.json").read_text()) for name in ("rate-1", "rate-4")]
+    assert [one["latency"]["rate"] for one in manifests] == [1.0, 4.0]
+    assert fbench("replay", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rate", "4", "-o", "b").code == 0
+    assert Path("b/scores.json").read_bytes() == Path("a/rate-4/scores.json").read_bytes()
+    assert fbench(*words).code == 2
+    again = fbench(*words, "--overwrite", "--json").json()
+    assert again == {"folder": "a", **content}
