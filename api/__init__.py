@@ -4,7 +4,7 @@ from fbench.api.bench import BenchRequest, OpenSuite, bench
 from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
 from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify
 from fbench.api.scores import FileScoreRequest, Resampling, ScoreRequest, ScoreResult, score, score_files
-from fbench.api.sweep import Sweep, SweepRequest, sweep
+from fbench.api.sweep import RateSweep, SweepRequest, sweep
 from fbench.datasets.city.request import CityRequest
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.logs.setup import BoxSource
@@ -20,6 +20,7 @@ __all__ = [
     "OpenLog",
     "OpenRun",
     "OpenSuite",
+    "RateSweep",
     "ReplayRequest",
     "Resampling",
     "RunComparison",
@@ -27,7 +28,6 @@ __all__ = [
     "ScoreRequest",
     "ScoreResult",
     "SimulateRequest",
-    "Sweep",
     "SweepRequest",
     "bench",
     "compare",

@@ -33,20 +33,20 @@ def estimate_by_controls(runs: Sequence[Path], controls: Sequence[Path]) -> Mapp
     if is_labeled.all():
         raise MetricError("every frame is labeled: controls are for frames without labels; see --intervals")
     agreement = [
-        np.concatenate([_count_all(run, one[run.manifest.log.digest]) for run in opened]) for one in others.values()
+        np.concatenate([_count_all(run, one[run.manifest.data_key]) for run in opened]) for one in others.values()
     ]
     found = np.concatenate(counts)
     return {metric: control(found, agreement, is_labeled, ratio) for metric, ratio in RATIOS["detection"].items()}
 
 
 def _group(runs: Sequence[Run], controls: Sequence[Run]) -> dict[str, dict[str, Run]]:
-    """Controls by pipeline and digest of their log."""
+    """Controls by pipeline and what they replayed."""
     found: dict[str, dict[str, Run]] = {}
     for one in controls:
-        found.setdefault(one.manifest.pipeline, {})[one.manifest.log.digest] = one
+        found.setdefault(one.manifest.pipeline, {})[one.manifest.data_key] = one
     for run in runs:
         for pipeline, own in found.items():
-            if run.manifest.log.digest not in own:
+            if run.manifest.data_key not in own:
                 raise ConfigError(f"--control: no run of '{pipeline}' is on the log of {run.folder}")
     return found
 

@@ -14,7 +14,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING
 from fbench.replay.engine.clock import make_clock
-from fbench.replay.engine.service_queue import LatencyModel, Policy, ServiceQueue
+from fbench.replay.engine.service_queue import LatencyModel, OverloadPolicy, ServiceQueue
 from fbench.replay.runs.folder import Run
 from fbench.replay.setup.request import ReplayRequest
 
@@ -43,8 +43,13 @@ class SweepRequest:
             raise ConfigError("--rates: names no rate, such as 0.5,1,2")
         if not 0 < self.budget_ms < math.inf:
             raise ConfigError(f"--budget-ms {self.budget_ms:g}: expected more than 0")
-        if any(make_clock(rate, 0).rate is None for rate in self.rates):
-            raise ConfigError("--rates: expected positive numbers, such as 0.5,1,2")
+        for rate in self.rates:
+            try:
+                is_paced = make_clock(rate, 0).rate is not None
+            except ConfigError:
+                is_paced = False
+            if not is_paced:
+                raise ConfigError(f"--rates {rate}: expected positive numbers, such as 0.5,1,2")
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,7 @@ class SweepRow:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class RateSweep:
     """A finished sweep."""
 
     folder: Path
@@ -72,7 +77,7 @@ class Sweep:
     """The largest rate at which less than 1 % of the frames miss their deadline, to 3 digits; `None`: no rate is."""
 
 
-def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> Sweep:
+def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> RateSweep:
     """Replay the log at each rate, and once in lockstep, and write `sweep.json`. `progress` gets how many rates are
     done, of how many. Raises as `replay` does.
     """
@@ -89,15 +94,15 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
         rows.append(_row(runs[-1], request.budget_ms))
     model = options.latency or LatencyModel()
     ready_ns = [frame.ready_ns or 0 for frame in runs[0].frames]
-    measured_ns = _measured_ns(Run(runs[0].folder / IN_LOCKSTEP))
-    service_ns = measured_ns if model.fixed_ns is None else [model.fixed_ns] * len(ready_ns)
+    fixed_ns, lockstep = model.fixed_ns, runs[0].folder / IN_LOCKSTEP
+    service_ns = _measured_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
     largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(request.budget_ms * 1e6))
-    found = Sweep(folder, rows, largest)
+    found = RateSweep(folder, rows, largest)
     replace_text(folder / "sweep.json", json.dumps(sweep_content(found), indent=1, allow_nan=False) + "\n")
     return found
 
 
-def sweep_content(found: Sweep) -> dict[str, object]:
+def sweep_content(found: RateSweep) -> dict[str, object]:
     """Return a sweep as it stands in `sweep.json`."""
     return {"sustainable_rate": found.sustainable_rate, "rates": [dict(vars(row)) for row in found.rows]}
 
@@ -125,7 +130,7 @@ def _measured_ns(run: Run) -> list[int]:
 
 
 def find_sustainable_rate(
-    ready_ns: Sequence[int], service_ns: Sequence[int], policy: Policy, budget_ns: int
+    ready_ns: Sequence[int], service_ns: Sequence[int], policy: OverloadPolicy, budget_ns: int
 ) -> float | None:
     """Return the largest rate at which less than 1 % of the frames miss their deadline, by bisection between 1/1024 and
     1024, to 3 digits; `None` where frames miss it at any rate.

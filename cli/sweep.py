@@ -10,7 +10,7 @@ from fbench.cli.show import console, make_table, print_json, replay_progress, sa
 from fbench.replay.data.scores import DASH, FORECAST, LOCKSTEP, STREAMING
 
 if TYPE_CHECKING:
-    from fbench.api.sweep import Sweep
+    from fbench.api.sweep import RateSweep
 
 
 def sweep(
@@ -69,7 +69,7 @@ def sweep(
         _print(found, budget_ms)
 
 
-def _print(found: "Sweep", budget_ms: float) -> None:
+def _print(found: "RateSweep", budget_ms: float) -> None:
     metrics = list(dict.fromkeys(metric for row in found.rows for metric in row.scores[STREAMING]))
     names = ["rate", "dropped %", "missed %", "age ms", *metrics, *(f"{metric}, forecast" for metric in metrics)]
     table = make_table(*names, right=names)

@@ -9,7 +9,7 @@ from typer import Option
 
 from fbench.cli import options
 from fbench.cli.show import console, make_table, plugin_output, print_json, replay_progress, say
-from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
+from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK, ConfigError
 
 if TYPE_CHECKING:
     from fbench.api.relations import Relations
@@ -32,7 +32,9 @@ def verify(
     truth_format: options.TruthFormat = None,
     truth_frame: options.TruthFrame = "",
     detections: options.DetectionsFile = None,
-    repeat: Annotated[int, Option(min=1, max=100, help="Number of identical replays, including the first.")] = 2,
+    repeat: Annotated[
+        int | None, Option(min=1, max=100, help="Number of identical replays, including the first (default: 2).")
+    ] = None,
     quick: Annotated[bool, Option("--quick", help="Only repeat, change the hash seed, and use more threads.")] = False,
     relations: Annotated[
         bool, Option("--relations", help="Instead, change the log in ways that must not change results: mirror it ...")
@@ -84,10 +86,12 @@ def verify(
         condition=condition,
         seed=seed,
     )
+    if relations and (quick or repeat is not None):
+        raise ConfigError(f"--relations doesn't repeat: leave out {'--quick' if quick else '--repeat'}")
     if relations:
         raise typer.Exit(_check_relations(request, log, keep, json))
     with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
-        found = verify_replay(request, repeat, quick, keep, progress)
+        found = verify_replay(request, 2 if repeat is None else repeat, quick, keep, progress)
     if json:
         rows = [
             {"variant": name, "difference": odd and asdict(odd), "identical": not odd}

@@ -26,7 +26,6 @@ _OWN = "fbench"
 _OPTIONS_OF_RUN = (
     "detect_every", "reference", "timeout_ms", "tolerance_ms", "max_gap_s", "offset", "stamps", "from_", "to", "frames",
     "interpolate_truth_ms", "on_fault", "fault_budget", "redact", "seed",
-    "latency", "overload",
 )  # fmt: skip
 """Fields of a request that decide what its run holds, beside those that are digested."""
 _PACKAGES = ("fbench.replay", "fbench.pipelines", "fbench.metrics", "fbench.api", "fbench.cli")

@@ -126,7 +126,7 @@ class CellPair:
     def is_identical(self) -> bool:
         """Whether both sides gave the same, bit by bit."""
         one, two = self.base.manifest, self.head.manifest
-        is_same = bool(one.digest) and one.digest == two.digest and one.log.digest == two.log.digest
+        is_same = bool(one.digest) and one.digest == two.digest and one.data_key == two.data_key
         values = [[(score.key, score.value) for score in side.scores] for side in (self.base, self.head)]
         return is_same and values[0] == values[1]
 

@@ -232,6 +232,11 @@ class RecordedBoxes:
         if self._finder is not None:
             self._finder.enter()
 
+    def skip(self, frame: Frame) -> None:
+        """Take the result of a frame that was dropped, so that it doesn't count as one without a frame."""
+        if self._finder is not None:
+            self.take(frame)
+
     def take(self, frame: Frame) -> Found:
         """Return what was recorded for the next frame."""
         if self._finder is None:

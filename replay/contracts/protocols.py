@@ -206,6 +206,14 @@ class UsesSensors(Protocol):
 
 
 @runtime_checkable
+class SkipsFrames(Protocol):
+    """A pipeline that wants to know of the frames that it doesn't get, since they came while it worked."""
+
+    def skip(self, frame: Frame) -> None:
+        """Take note of a frame that was dropped; frames and dropped ones come in their order."""
+
+
+@runtime_checkable
 class NeedsSensors(Protocol):
     """A pipeline that says which sensors its results rest on: where hardly any frame has one of them, data was lost."""
 

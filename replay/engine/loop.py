@@ -21,6 +21,7 @@ from fbench.replay.contracts.protocols import (
     NeedsSensors,
     Pipeline,
     Reader,
+    SkipsFrames,
     TellsIdentity,
     Tracks,
     UsesSensors,
@@ -192,9 +193,16 @@ class _Loop:
         queue = ServiceQueue(self._plan.latency.policy, self._serve)
         arrivals = ((item, self.stream.buffer.ready_ns[item[0].index]) for item in frames)
         for (frame, rig), service in queue.run(arrivals):
-            self._num_dropped += service is None
+            if service is None:
+                self._drop(frame)
             self._record(frame, rig, _Step() if service is None else service.result, service)
             yield
+
+    def _drop(self, frame: Frame) -> None:
+        self._num_dropped += 1
+        if isinstance(self._plan.pipeline, SkipsFrames):
+            with guard(f"pipeline '{self._plan.name}' can't skip frame {frame.index}"):
+                self._plan.pipeline.skip(frame)
 
     def _serve(self, item: tuple[Frame, Rig]) -> tuple[_Step, int]:
         """Run the pipeline on a frame, say how much log time passes. Raises ConfigError where nobody measured it."""

@@ -18,13 +18,15 @@ T = TypeVar("T")
 R = TypeVar("R")
 Overload: TypeAlias = Literal["newest", "fifo", "skip"]
 MAX_DEPTH = 100_000
+MOST_NS = 86_400 * 10**9
+"""A frame takes at most a day of log time, so that instants are whole 64-bit numbers."""
 _UNITS_NS = {"ns": 1, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000}
 _FIXED = re.compile(r"fixed:(\d{1,12}(?:\.\d{1,9})?)(ns|us|ms|s)", re.ASCII)
 _FIFO = re.compile(r"fifo:(\d{1,6})", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Policy:
+class OverloadPolicy:
     """What becomes of frames that arrive while the pipeline is busy.
 
     - `newest`: the newest waits; the one that waited before it is dropped. One that arrives just when the pipeline
@@ -46,13 +48,13 @@ class LatencyModel:
 
     fixed_ns: int | None = None
     """The same for each frame [ns, of the wall clock]; `None`: as measured in this run."""
-    policy: Policy = Policy()
+    policy: OverloadPolicy = OverloadPolicy()
     rate: Fraction = Fraction(1)
     """Log time passes so many times as fast as the wall clock."""
 
     def service_ns(self, measured_ns: int) -> int:
         """Return how much log time [ns] passes while the pipeline works on a frame for which it took `measured_ns`."""
-        return int((measured_ns if self.fixed_ns is None else self.fixed_ns) * self.rate)
+        return min(int((measured_ns if self.fixed_ns is None else self.fixed_ns) * self.rate), MOST_NS)
 
 
 def make_latency(latency: str | None, overload: str | None, rate: float | None) -> LatencyModel | None:
@@ -67,18 +69,21 @@ def make_latency(latency: str | None, overload: str | None, rate: float | None) 
     if found is None and latency != "measured":
         raise ConfigError(f"--latency {latency}: expected 'measured', or a time such as 'fixed:80ms'")
     fixed_ns = None if found is None else round(Fraction(found[1]) * _UNITS_NS[found[2]])
-    policy = Policy() if overload is None else _make_policy(overload)
-    return LatencyModel(fixed_ns, policy, Fraction("1" if rate is None else repr(rate)))
+    policy = OverloadPolicy() if overload is None else _make_policy(overload)
+    times = Fraction("1" if rate is None else repr(rate))
+    if fixed_ns is not None and fixed_ns * times > MOST_NS:
+        raise ConfigError(f"--latency {latency}: is more than a day of log time, at {float(times):g}x")
+    return LatencyModel(fixed_ns, policy, times)
 
 
-def _make_policy(text: str) -> Policy:
-    known: dict[str, Policy] = {"newest": Policy("newest"), "skip": Policy("skip")}
+def _make_policy(text: str) -> OverloadPolicy:
+    known: dict[str, OverloadPolicy] = {"newest": OverloadPolicy("newest"), "skip": OverloadPolicy("skip")}
     if text in known:
         return known[text]
     found = _FIFO.fullmatch(text)
     if found is None or not 1 <= (depth := int(found[1])) <= MAX_DEPTH:
         raise ConfigError(f"--overload {text}: expected 'newest', 'skip', or 'fifo:N' with N from 1 to {MAX_DEPTH}")
-    return Policy("fifo", depth)
+    return OverloadPolicy("fifo", depth)
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,7 @@ class ServiceQueue(Generic[T, R]):
     one frame is kept waiting.
     """
 
-    def __init__(self, policy: Policy, serve: Callable[[T], tuple[R, int]]) -> None:
+    def __init__(self, policy: OverloadPolicy, serve: Callable[[T], tuple[R, int]]) -> None:
         self._policy, self._serve = policy, serve
         self._free_ns: int | None = None  # When the pipeline is done with all frames so far
         self._starts_ns: deque[int] = deque()  # Of frames that hadn't started at the last arrival

@@ -181,6 +181,15 @@ class Manifest(_Strict):
     redacted: bool = False  # Whether names, paths, places and poses were left out
 
     @property
+    def data_key(self) -> str:
+        """What was replayed, equal for all pipelines: under conditions the log's digest differs with the sensors that a
+        pipeline uses, since the others stay as recorded.
+        """
+        if not (self.conditions and self.log.log_id):
+            return self.log.digest
+        return f"{self.log.log_id} {'+'.join(map(str, self.conditions))} {self.seed}"
+
+    @property
     def rig(self) -> Rig:
         """The rig of the first segment."""
         rig = RigEntry(segment=0, mounts=self.mounts, cameras=self.cameras).rig

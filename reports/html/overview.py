@@ -16,7 +16,7 @@ from fbench.replay.runs.manifest import Manifest
 from fbench.replay.runs.shares import Predictions, predictions_of
 from fbench.replay.runs.tables import BoxTable
 from fbench.reports.html import records
-from fbench.reports.html.records import DASH, FaultRow, FaultTable, brief, number, read_record, visible
+from fbench.reports.html.records import DASH, FaultRow, FaultTable, number, read_record, visible
 
 _BUDGET_SHARE, _P95_SHARE = 0.85, 0.7
 """Where budget and largest 95th percentile lie at most on the scale; what is slower than its end is cut off."""
@@ -189,17 +189,10 @@ def notices(overviews: Sequence[Overview]) -> list[Notice]:
             before = merged.get(key, notice)
             merged[key] = replace(notice, who=(*before.who, overview.label))
     found = list(merged.values())
-    if len({_data_of(o.manifest) for o in overviews}) > 1:
+    if len({o.manifest.data_key for o in overviews}) > 1:
         text = "Their log digests differ, so their numbers don’t compare pipelines alone."
         found.append(Notice("warn", "These runs replayed different data.", text))
     return sorted(found, key=lambda notice: ("bad", "warn", "info").index(notice.level))
-
-
-def _data_of(manifest: Manifest) -> str:
-    """What was replayed; conditions change nothing of the sensors that a pipeline doesn't use."""
-    if not (manifest.conditions and manifest.log.log_id):
-        return brief(manifest.log.digest)
-    return f"{manifest.log.log_id} {'+'.join(map(str, manifest.conditions))} {manifest.seed}"
 
 
 def _notices_of(o: Overview) -> Iterator[Notice]:

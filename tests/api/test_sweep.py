@@ -8,7 +8,7 @@ from tests.cli.conftest import fbench, log  # noqa: F401
 
 from fbench.api.sweep import SweepRequest, find_sustainable_rate
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.engine.service_queue import Policy
+from fbench.replay.engine.service_queue import OverloadPolicy
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 
@@ -18,7 +18,7 @@ TEN_HZ = [100 * MS * i for i in range(1000)]
 
 def rate(service_ms, policy="newest", budget_ms=100, depth=0):
     service = [round(service_ms * MS)] * len(TEN_HZ)
-    return find_sustainable_rate(TEN_HZ, service, Policy(policy, depth), round(budget_ms * MS))
+    return find_sustainable_rate(TEN_HZ, service, OverloadPolicy(policy, depth), round(budget_ms * MS))
 
 
 def test_a_pipeline_keeps_up_as_long_as_a_frame_takes_no_longer_than_the_next_one_needs_to_come():
@@ -44,8 +44,8 @@ def test_frames_that_wait_in_line_miss_their_deadline():
     [
         (None, ["1"], 100, "give --latency"),
         ("measured", [], 100, "--rates: names no rate"),
-        ("measured", ["max"], 100, "--rates: expected positive numbers"),
-        ("measured", ["-1"], 100, "--rate -1: expected"),
+        ("measured", ["max"], 100, "--rates max: expected positive numbers"),
+        ("measured", ["-1"], 100, "--rates -1: expected positive numbers"),
         ("measured", ["1"], 0, "--budget-ms 0: expected more than 0"),
     ],
 )
@@ -73,3 +73,9 @@ def test_the_command(fbench, log):  # noqa: F811
     assert fbench(*words).code == 2
     again = fbench(*words, "--overwrite", "--json").json()
     assert again == {"folder": "a", **content}
+
+
+def test_a_sweep_by_times_measured_here(fbench, log):  # noqa: F811
+    found = fbench("sweep", log, "-p", "lidar3d", "--latency", "measured", "--rates", "1", "-o", "a", "--json").json()
+    assert found["sustainable_rate"] is None or found["sustainable_rate"] > 0
+    assert found["rates"][0]["frames"] == 6

@@ -61,3 +61,9 @@ def test_a_pipeline_that_fails_violates(verify):
     assert (result.code, _states(result)["clock"]) == (1, True)
     row = next(row for row in result.json()["relations"] if row["relation"] == "clock")
     assert "that late?" in row["reason"]
+
+
+@pytest.mark.parametrize(("words", "said"), [(("--quick",), "--quick"), (("--repeat", "3"), "--repeat")])
+def test_options_of_repeated_replays_are_refused(verify, words, said):
+    result = verify("Early", *words)
+    assert (result.code, result.err) == (2, f"fbench: --relations doesn't repeat: leave out {said}\n")

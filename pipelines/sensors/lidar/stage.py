@@ -153,7 +153,7 @@ hit a side many meters apart. There a vehicle ends where it was last seen to be 
 _OFF_SIDE_M = 0.5  # Such columns lie at most this far off the side that is seen
 _HIGH_M = 2.0  # No car is as high above the ground
 _ASIDE_M = 0.3  # Points of a vehicle lie at most this far beside the box that what is seen of it was completed to
-_LONGEST_M = 18.0  # No vehicle is longer
+_LONGEST_M = 18.0  # What columns continue isn't taken to be longer [m]
 _MOST = 0.8  # A cluster of which at least this share lies where the vehicle goes on is a part of it
 _SOLID = ("car", "van", "truck")  # What doesn't look like a column of points, as people and two-wheelers do
 _ROUNDS = 3  # The more of a side is known, the better its heading, and the more of it is found

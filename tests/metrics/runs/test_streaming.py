@@ -66,7 +66,7 @@ def moving(x_m, y_m=0.0, speed_mps=0.0, **fields):
     return replace(boxes3d((x_m, y_m), ids=[1], score=[0.9]), velocity_mps=np.array([[speed_mps, 0.0, 0.0]]), **fields)
 
 
-def write(folder, outputs, truths, latency_ns, rig=NO_CAMERA, poses=None):
+def write(folder, outputs, truths, latency_ns, rig=NO_CAMERA, poses=None, has_tracks=True):
     """A run of frames at 10 Hz; each output is ready so much later. `outputs`: detections and tracks of each frame."""
     with RunWriter(folder) as writer:
         for i, (detections, tracks) in enumerate(outputs):
@@ -77,7 +77,7 @@ def write(folder, outputs, truths, latency_ns, rig=NO_CAMERA, poses=None):
             writer.label_frame(i, truths[i])
         if poses is not None:
             writer.set_poses(poses)
-        return Run(writer.finish(make_manifest(rig, num_frames=len(outputs), latency=LATENCY)))
+        return Run(writer.finish(make_manifest(rig, num_frames=len(outputs), latency=LATENCY, has_tracks=has_tracks)))
 
 
 def drive(folder, latency_ns, speed_mps=10.0, num=12):
@@ -175,10 +175,12 @@ def test_boxes_in_images_go_on_as_their_tracks_moved(tmp_path):
 
 def test_a_pipeline_without_tracks_has_no_scores_of_tracks(tmp_path):
     box, none = boxes3d((10, 0), score=[0.9]), boxes3d()
-    run = write(tmp_path / "run", [(box, none)] * 3, [Truth(i * STEP, i * STEP, box) for i in range(3)], STEP)
+    truths = [Truth(i * STEP, i * STEP, box) for i in range(3)]
+    run = write(tmp_path / "run", [(box, none)] * 3, truths, STEP, has_tracks=False)
     rows = {(row.metric, row.slice): row.value for row in score_streaming(run, ScoreOptions(), [])
             if not row.matching.startswith("iou")}  # fmt: skip
     assert rows["recall", STREAMING] == rows["recall", FORECAST] == pytest.approx(2 / 3)
+    assert {rows.get((metric, part)) for metric in ("mota", "hota") for part in (STREAMING, FORECAST)} == {None}
 
 
 def test_motion_in_images_is_a_least_squares_fit(tmp_path):

@@ -69,6 +69,14 @@ def started(results, poses=(), **params):
     return pipeline
 
 
+def test_results_of_dropped_frames_belong_to_frames():
+    pipeline = started([result(0, 1), result(100, 2), result(200, 3)])
+    pipeline.step(frame(0, 0))
+    pipeline.skip(frame(1, 100))
+    output = pipeline.step(frame(2, 200))
+    assert (output.faults, len(output.detections)) == ((), 1)
+
+
 def places(outputs):
     """The x of each frame's only box, `None` where there is none."""
     return [float(o.detections.center_m[0, 0]) if len(o.detections) else None for o in outputs]

@@ -13,7 +13,7 @@ from tests.replay.fakes import MS, UPRIGHT, Echo, FakeLog, cloud, drive, scan
 from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.data.rig import Mount, Rig, RigChange
 from fbench.replay.engine.frame_buffer import SyncParams
-from fbench.replay.engine.service_queue import LatencyModel, Policy
+from fbench.replay.engine.service_queue import LatencyModel, OverloadPolicy
 from fbench.replay.runs.digest import digest
 
 SLOW = LatencyModel(250 * MS)
@@ -37,8 +37,21 @@ class Listing(Echo):
         return super().step(frame)
 
 
+class Skipping(Listing):
+    """Notes which frames it doesn't get, too."""
+
+    def skip(self, frame):
+        self.got.append(-frame.index)
+
+
 def times(run):
     return [None if f.is_dropped else (f.start_ns // MS, f.done_ns // MS) for f in run.frames]
+
+
+def test_a_pipeline_may_be_told_what_it_does_not_get(tmp_path):
+    pipeline = Skipping()
+    play(drive(8), tmp_path / "run", pipeline, latency=SLOW)
+    assert pipeline.got == [0, -1, 2, -3, -4, 5, -6, 7]
 
 
 def test_a_slow_pipeline_does_not_get_all_frames(tmp_path):
@@ -79,7 +92,11 @@ def test_fixed_latency_gives_equal_bytes_and_a_digest_of_its_own(tmp_path):
 
 @pytest.mark.parametrize(
     ("policy", "got"),
-    [(Policy("skip"), [0, 3, 6]), (Policy("fifo", 1), [0, 1, 3, 5]), (Policy("fifo", 9), [*range(8)])],
+    [
+        (OverloadPolicy("skip"), [0, 3, 6]),
+        (OverloadPolicy("fifo", 1), [0, 1, 3, 5]),
+        (OverloadPolicy("fifo", 9), [*range(8)]),
+    ],
 )
 def test_policies(tmp_path, policy, got):
     pipeline = Listing()
@@ -118,7 +135,7 @@ def test_failed_frames_take_their_time_and_dropped_ones_do_not_fail(tmp_path):
     assert [f.index for f in run.frames if f.failed] == [2]
     assert times(run)[2] == (250, 500)
     with pytest.raises(RunError, match="failed on all 1 frame"):
-        play(drive(8), tmp_path / "b", Broken(), latency=LatencyModel(10_000 * MS, Policy("skip")))
+        play(drive(8), tmp_path / "b", Broken(), latency=LatencyModel(10_000 * MS, OverloadPolicy("skip")))
 
 
 def test_a_segment_begins_with_the_first_frame_that_the_pipeline_gets(tmp_path):
@@ -153,7 +170,7 @@ def test_a_frame_that_waits_is_worked_on_with_the_rig_that_measured_it(tmp_path)
 
     rigs = {}
     log = Log(items, rig=Rig({"lidar": Mount("lidar", np.zeros(3), UPRIGHT)}, {}))
-    play(log, tmp_path / "run", Looking(), latency=LatencyModel(150 * MS, Policy("fifo", 5)))
+    play(log, tmp_path / "run", Looking(), latency=LatencyModel(150 * MS, OverloadPolicy("fifo", 5)))
     assert rigs == {0: [0, 0, 0], 1: [0, 0, 0], 2: [1, 1, 1]}
     play(log, tmp_path / "newest", Looking(), latency=LatencyModel(150 * MS))
     assert rigs == {0: [0, 0, 0], 1: [0, 0, 0], 2: [1, 1, 1]}

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.engine.service_queue import LatencyModel, Policy, ServiceQueue, make_latency
+from fbench.replay.engine.service_queue import LatencyModel, OverloadPolicy, ServiceQueue, make_latency
 
-NEWEST, SKIP = Policy(), Policy("skip")
+NEWEST, SKIP = OverloadPolicy(), OverloadPolicy("skip")
 ARRIVE, FREE = 1, 0  # At one instant the pipeline becomes free before a frame arrives
 
 
@@ -58,7 +58,7 @@ def simulate(policy, ready_ns, service_ns):
     return found
 
 
-policies = st.one_of(st.just(NEWEST), st.just(SKIP), st.builds(Policy, st.just("fifo"), st.integers(1, 4)))
+policies = st.one_of(st.just(NEWEST), st.just(SKIP), st.builds(OverloadPolicy, st.just("fifo"), st.integers(1, 4)))
 frames = st.lists(st.tuples(st.integers(0, 12), st.integers(0, 40)), min_size=1, max_size=60)
 """Gaps before frames and service times: small, so that instants coincide often."""
 
@@ -86,8 +86,8 @@ def test_without_latency_nothing_waits_or_is_dropped(policy, gaps):
     [
         (NEWEST, [(0, 25), None, (25, 50), None, (50, 75), (75, 100)]),
         (SKIP, [(0, 25), None, None, (30, 55), None, (60, 85)]),
-        (Policy("fifo", 1), [(0, 25), (25, 50), None, (50, 75), None, (75, 100)]),
-        (Policy("fifo", 2), [(0, 25), (25, 50), (50, 75), (75, 100), None, (100, 125)]),
+        (OverloadPolicy("fifo", 1), [(0, 25), (25, 50), None, (50, 75), None, (75, 100)]),
+        (OverloadPolicy("fifo", 2), [(0, 25), (25, 50), (50, 75), (75, 100), None, (100, 125)]),
     ],
 )
 def test_each_policy_by_hand(policy, expected):
@@ -97,16 +97,16 @@ def test_each_policy_by_hand(policy, expected):
 
 def test_a_frame_that_arrives_when_the_pipeline_becomes_free_is_the_newest():
     assert run(NEWEST, [0, 10, 20], [20, 5, 5]) == [(0, 20), None, (20, 25)]
-    assert run(Policy("fifo", 1), [0, 10, 20], [20, 5, 5]) == [(0, 20), (20, 25), (25, 30)]
+    assert run(OverloadPolicy("fifo", 1), [0, 10, 20], [20, 5, 5]) == [(0, 20), (20, 25), (25, 30)]
     assert run(SKIP, [0, 10, 20], [20, 5, 5]) == [(0, 20), None, (20, 25)]
 
 
 def test_options():
     assert make_latency(None, None, None) is None
     assert make_latency("fixed:80ms", None, None) == LatencyModel(80_000_000, NEWEST)
-    assert make_latency("fixed:0.5us", "fifo:3", 2.0) == LatencyModel(500, Policy("fifo", 3), Fraction(2))
+    assert make_latency("fixed:0.5us", "fifo:3", 2.0) == LatencyModel(500, OverloadPolicy("fifo", 3), Fraction(2))
     assert make_latency("measured", "skip", 0.1) == LatencyModel(None, SKIP, Fraction(1, 10))
-    assert str(Policy("fifo", 3)) == "fifo:3"
+    assert str(OverloadPolicy("fifo", 3)) == "fifo:3"
 
 
 def test_at_twice_the_rate_twice_as_much_log_time_passes():
@@ -129,3 +129,9 @@ def test_an_overload_that_is_none_is_refused(text):
 def test_overload_goes_with_latency():
     with pytest.raises(ConfigError, match="--overload skip: is about --latency, which is missing"):
         make_latency(None, "skip", None)
+
+
+@pytest.mark.parametrize(("latency", "rate"), [("fixed:999999999s", None), ("fixed:80ms", 1e12)])
+def test_times_beyond_a_day_are_refused(latency, rate):
+    with pytest.raises(ConfigError, match="is more than a day of log time"):
+        make_latency(latency, None, rate)
