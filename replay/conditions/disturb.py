@@ -3,34 +3,27 @@
 import heapq
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby, islice
-from types import MappingProxyType
 from typing import TypeAlias, TypeVar
 
 from fbench.replay.conditions.effects import Effects
-from fbench.replay.conditions.weather import combine
-from fbench.replay.conditions.weathers import disturb_by_weather
+from fbench.replay.conditions.steps import Deferred, Step, apply_all, guard_condition, site_level
 from fbench.replay.contracts.conditions import (
     MAX_HISTORY,
-    ChangesTimes,
     DisturbsRig,
-    Level,
     MakesWeather,
     Measurement,
-    Need,
     Part,
     Site,
     needs_of,
 )  # fmt: skip
-from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, LogError, RunError, one_line
+from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.protocols import Reader, ReaderWrapper
 from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.data.images import decode
-from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Tick
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, Tick
 from fbench.replay.data.rig import KINDS, LogSpan, Rig, RigChange
 
 Event: TypeAlias = Message | RigChange | Tick
@@ -40,8 +33,6 @@ T = TypeVar("T")
 _TRUTH_NS = 50_000_000  # Truth is of a message's instant up to this far away
 _CLOUD_NS = 300_000_000
 _AT_ONCE = 64  # Messages of one log time that are held at most
-RAW = "bgr8"
-"""Encoding in which conditions get images."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +81,7 @@ class Disturbance:
             if "cloud" in needs and not rig.sensors("lidar"):
                 raise LogError(f"condition {part} can't act: the log has no LiDAR", "COR002")
 
-    def steps(self, rig: Rig) -> dict[str, list["Step"]]:
+    def steps(self, rig: Rig) -> dict[str, list[Step]]:
         """What acts on the messages of each sensor, in order: weathers of one scope and window as one."""
         found: dict[str, list[Step]] = {}
         for part in self.parts:
@@ -105,82 +96,6 @@ class Disturbance:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One condition, or several weathers together."""
-
-    parts: tuple[Part, ...]
-
-    @property
-    def is_weather(self) -> bool:
-        """Whether it is weather."""
-        return isinstance(self.parts[0].condition, MakesWeather)
-
-    @property
-    def window(self) -> tuple[int | None, int | None]:
-        """When it acts [ns] after the log's first message."""
-        return self.parts[0].from_ns, self.parts[0].to_ns
-
-    @property
-    def id(self) -> str:
-        """What random numbers depend on."""
-        return "+".join(part.id for part in self.parts)
-
-    @property
-    def needs(self) -> set[Need]:
-        """What its parts need."""
-        return {need for part in self.parts for need in needs_of(part.condition)}
-
-    @property
-    def changes_times(self) -> bool:
-        """Whether it drops, delays or restamps messages."""
-        return any(isinstance(p.condition, ChangesTimes) and p.condition.changes_times for p in self.parts)
-
-    def holds(self, log_ns: int, first_ns: int) -> bool:
-        """Tell whether a message of this log time is within the window."""
-        at_ns, (from_ns, to_ns) = log_ns - first_ns, self.window
-        return (from_ns is None or at_ns >= from_ns) and (to_ns is None or at_ns < to_ns)
-
-    def apply(self, message: Measurement, site: Site) -> Sequence[Measurement]:
-        """Disturb a message. Raises RunError where the condition fails, or gives what it may not."""
-        part = self.parts[0]
-        with guard_condition(part.name):
-            if self.is_weather:
-                weathers = [p.condition.weather(p.level) for p in self.parts if isinstance(p.condition, MakesWeather)]
-                return (disturb_by_weather(message, combine(weathers), site),)
-            results = tuple(part.condition.disturb(message, site_level(part), site))
-            for result in results:
-                if wrong := find_wrong(message, result):
-                    raise RunError(f"condition '{part.name}' {wrong}", "COR001")
-            if not self.changes_times and times_of(results) != times_of([message]):
-                what = "drops, repeats, delays or restamps messages, but doesn't say changes_times = True"
-                raise RunError(f"condition '{part.name}' {what}", "COR001")
-            return results
-
-
-def times_of(messages: Sequence[Measurement]) -> list[tuple[int, int, int | None]]:
-    """Return the stamp, time of delivery and frame number of each message."""
-    return [(message.stamp_ns, message.log_ns, message.frame_number) for message in messages]
-
-
-def find_wrong(message: Measurement, result: object) -> str:
-    """Say why a condition may not give a result for a message; empty where it may."""
-    if type(result) is not type(message):
-        return f"gave {type(result).__name__} for {type(message).__name__}"
-    if result.sensor != message.sensor:
-        return f"gave a message of '{result.sensor}' for one of '{message.sensor}'"
-    if result.log_ns < message.log_ns:
-        return f"delivered a message {(message.log_ns - result.log_ns) / 1e6:g} ms before it was recorded"
-    if isinstance(result, Image) and isinstance(message, Image) and result.size_wh != message.size_wh:
-        return f"gave an image of {result.size_wh} px for one of {message.size_wh}"
-    return ""
-
-
-def site_level(part: Part) -> Level:
-    """Return the numbers of a part, which its condition can't change."""
-    return MappingProxyType(dict(part.level))
-
-
 def _sensors_of(part: Part, rig: Rig) -> tuple[str, ...]:
     """Names of the sensors that a part disturbs."""
     kinds = [KINDS[part.sensors]] if part.sensors in KINDS else list(part.condition.kinds)
@@ -193,17 +108,6 @@ def _sensors_of(part: Part, rig: Rig) -> tuple[str, ...]:
         return ()
 
 
-@contextmanager
-def guard_condition(name: str) -> Iterator[None]:
-    """Tell whatever a condition raises in one line, so that it never counts as clean data. Raises RunError."""
-    try:
-        yield
-    except (FbenchError, *INTERRUPTS):
-        raise
-    except BaseException as error:
-        raise RunError(f"condition '{name}' failed: {one_line(error)}", "COR001") from error
-
-
 def make_site(disturbance: Disturbance, step: Step, log_id: str, rig: Rig, sensor: str) -> Site:
     """Return what a condition knows of a sensor before any message."""
     span, (from_ns, to_ns) = disturbance.span, step.window
@@ -212,41 +116,6 @@ def make_site(disturbance: Disturbance, step: Step, log_id: str, rig: Rig, senso
     last_ns = span.last_ns if to_ns is None else min(span.last_ns, span.first_ns + to_ns)
     key = (disturbance.seed, step.id, log_id, sensor)
     return Site(key, rig, sensor, rig.kinds[sensor], first_ns, last_ns, period_ns)
-
-
-class Deferred:
-    """A message that conditions change once somebody needs it: when that is computed doesn't matter, since they depend
-    on nothing but what was known at its place. Neither its times nor that it comes change.
-    """
-
-    def __init__(self, recorded: Measurement, steps: Sequence[tuple["Step", Site]]) -> None:
-        self.recorded, self._steps = recorded, steps
-        self.result: Measurement | None = None  # Once it was computed, until it is forgotten
-        self._counts: Mapping[str, float] = {}
-
-    @property
-    def log_ns(self) -> int:
-        """When it was recorded, and is delivered."""
-        return self.recorded.log_ns
-
-    def take(self, effects: Effects, *, is_used: bool = True) -> Measurement:
-        """Return what becomes of the message; itself where its content isn't used, so that it costs nothing. Raises
-        LogError and RunError as conditions do, also on what isn't used where it lacks what they need.
-        """
-        if not is_used:
-            for step, _ in self._steps:
-                _require_needs(step, self.recorded)
-            effects.count(self.recorded.sensor, {"messages": 1, "unused": 1})
-            return self.recorded
-        if self.result is None:
-            (self.result,), raw = _apply_all(self._steps, self.recorded)
-            self._counts = effects.measure(self.recorded, [self.result], raw)
-        effects.count(self.recorded.sensor, self._counts)
-        return self.result
-
-    def forget(self) -> None:
-        """Compute it anew when it is needed again."""
-        self.result = None
 
 
 class DisturbedReader(ReaderWrapper):
@@ -362,7 +231,7 @@ class Disturber:
             yield Deferred(recorded, steps)
             return
         yield Tick(recorded.sensor, recorded.stamp_ns, recorded.log_ns, recorded.frame_number)
-        results, raw = _apply_all(steps, recorded)
+        results, raw = apply_all(steps, recorded)
         self._effects.add(recorded, results, raw)
         yield from results
 
@@ -379,54 +248,3 @@ class Disturber:
         at = bisect_left(self._stamps, stamp_ns)
         near = [t for t in self._truths[max(0, at - 1) : at + 1] if abs(t.stamp_ns - stamp_ns) <= _TRUTH_NS]
         return min(near, key=lambda t: abs(t.stamp_ns - stamp_ns)).boxes3d if near else None
-
-
-def _apply_all(steps: Sequence[tuple[Step, Site]], recorded: Measurement) -> tuple[list[Measurement], Measurement]:
-    """Return what becomes of a message, and the message itself as conditions got it: images are decoded for them."""
-    raw, results = recorded, [recorded]
-    for step, site in steps:
-        if isinstance(recorded, Image) and not step.changes_times:
-            raw = _decode(raw)
-            results = [raw if result is recorded else _decode(result) for result in results]
-        results = [item for result in results for item in _apply(step, result, site)]
-    return [recorded if result is raw else result for result in results], raw
-
-
-def _decode(message: Measurement) -> Measurement:
-    """Return an image as raw BGR, or as it is where it can't be decoded."""
-    if not isinstance(message, Image) or message.encoding == RAW or (pixels := decode(message)) is None:
-        return message
-    return replace(message, data=pixels.tobytes(), encoding=RAW, video=None)
-
-
-def _apply(step: Step, message: Measurement, site: Site) -> Sequence[Measurement]:
-    """Disturb a message, unless it is an image that can't be decoded. Raises LogError where the message lacks what the
-    condition needs.
-    """
-    _require_needs(step, message)
-    is_damaged = isinstance(message, Image) and message.encoding != RAW and not step.changes_times
-    return (message,) if is_damaged else step.apply(message, site)
-
-
-def _require_needs(step: Step, message: Measurement) -> None:
-    lacking = [need for need in sorted(step.needs) if not _has(message, need)]
-    if lacking:
-        what = f"'{message.sensor}' has no {', '.join(lacking)}"
-        raise LogError(f"condition {step.parts[0]} can't act: {what}", "COR002")
-
-
-def _has(message: Measurement, need: Need) -> bool:
-    """Tell whether a message has what a condition needs; what a log must have is found out elsewhere."""
-    match message, need:
-        case PointCloud(), "ring":
-            return message.ring is not None
-        case PointCloud(), "intensity":
-            return message.intensity is not None
-        case PointCloud(), "time":
-            return message.offset_ns is not None
-        case RadarScan(), "velocity":
-            return message.radial_velocity_mps is not None
-        case RadarScan(), "rcs":
-            return message.rcs_dbsm is not None
-        case _:
-            return True

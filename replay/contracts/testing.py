@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.replay.conditions.disturb import find_wrong, times_of
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.conditions.generators import generator
+from fbench.replay.conditions.steps import find_wrong, times_of
 from fbench.replay.contracts.conditions import (
     NUM_LEVELS,
     ChangesTimes,

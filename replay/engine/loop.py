@@ -31,12 +31,13 @@ from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import format_count
-from fbench.replay.engine.absence import LEAST_FRAMES, Absence, Absences, Shortage, find_shortage, require_any
+from fbench.replay.engine.absence import LEAST_FRAMES
 from fbench.replay.engine.cleaning import OutputCheck, check_faults
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.engine.frame_buffer import NOT_THERE, SyncParams
+from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.missing import MissingSensors
 from fbench.replay.engine.service_queue import LatencyModel, Service, ServiceQueue
 from fbench.replay.engine.shared import SharedReader
 from fbench.replay.engine.warm_up import WarmUp
@@ -155,7 +156,7 @@ class _Loop:
         self._num_detections = self._num_tracks = self._num_dropped = 0
         self._says_tracks = False  # Whether the pipeline ever said what it tracks, if only that it is nothing
         self._segment: int | None = None
-        self._lacking: dict[str, list[int]] = {}  # Rows of the frames that lack a sensor, by sensor
+        self._missing = MissingSensors(self.stream)
         self._recursion_limit = sys.getrecursionlimit()
 
     def start(self) -> None:
@@ -224,8 +225,7 @@ class _Loop:
         output, failed = step.output, step.failed
         stamp, segment = frame.stamp_ns, frame.segment
         results = None if output is None else self._note_tracks(output)
-        for sensor in frame.missing:
-            self._lacking.setdefault(sensor, []).append(len(self._writer.records))
+        self._missing.note(frame, len(self._writer.records))
         missing = {**frame.missing, **({} if output is None else clean_mapping(output.missing))}
         frame_digest = digest([frame.index, stamp, segment, missing, failed, results])
         self._chain = link(self._chain, frame_digest)
@@ -319,8 +319,7 @@ class _Loop:
         counts = self.stream.buffer.counts
         if counts.disordered:
             self._faults.add("TIM001", self.stream.reference, counts.disordered)
-        self._absences = Absences(self.stream.buffer, self.stream.sync)
-        self._writer.explain_missing(self._explain)
+        self._writer.explain_missing(self._missing.explain)
         self._count_shortages()
         if isinstance(self._plan.pipeline, GivesWarnings):
             with guard(f"pipeline '{self._plan.name}' can't give its warnings"):
@@ -336,28 +335,6 @@ class _Loop:
         faults = {"lost": self._faults.num_lost, "late_messages": counts.late, "unused_messages": counts.unused}
         self._writer.write_json("faults.json", {**faults, "rows": rows})
 
-    def _explain(self, record: FrameRecord) -> FrameRecord:
-        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never."""
-        missing: dict[str, str] = {}
-        for sensor, reason in record.missing.items():
-            is_late = (record.index, sensor) in self.stream.buffer.counts.late_ms
-            if not (is_late or reason.startswith(NOT_THERE)):
-                missing[sensor] = reason
-                continue
-            why = self._find_absence(sensor, record)
-            # What comes too late behind the end of an excerpt isn't read, so 'never' can't be said.
-            is_unknown = self.stream.is_cut and isinstance(why, Absence) and why.kind == "never"
-            missing[sensor] = reason if is_unknown else f"skipped: {why}" if isinstance(why, str) else str(why)
-        return replace(record, missing=missing)
-
-    def _find_absence(self, sensor: str, record: FrameRecord) -> Absence | str:
-        """Say why a frame lacks a sensor; a text where its message was there, but couldn't be used."""
-        if (record.index, sensor) not in self.stream.buffer.counts.late_ms:
-            skipped = self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number)
-            if skipped is not None:
-                return skipped
-        return self._absences.find(sensor, record.index, record.stamp_ns)
-
     def _count_shortages(self) -> None:
         """Count the sensors that the pipeline needs and hardly any frame has as data that were lost."""
         pipeline, records = self._plan.pipeline, self._writer.records
@@ -365,18 +342,9 @@ class _Loop:
         is_enough = is_enough and not self._plan.disturbance  # what conditions take away isn't lost
         if not isinstance(pipeline, NeedsSensors) or not is_enough:
             return
-        arrivals = self.stream.buffer.counts.arrivals
         with guard(f"pipeline '{self._plan.name}' can't say which sensors it needs"):
-            needed = sorted(set(pipeline.required_sensors() or ()) & set(arrivals))
-        found: dict[str, Shortage] = {}
-        for name in needed:
-            reasons = [self._find_absence(name, records[row]) for row in self._lacking.get(name, [])]
-            absences = [reason for reason in reasons if isinstance(reason, Absence)]
-            num_skipped = len(reasons) - len(absences)
-            params = self.stream.sync
-            shortage = find_shortage(name, len(records), absences, num_skipped, arrivals[name], params)
-            found |= {} if shortage is None else {name: shortage}
-        for shortage in require_any(found, {name: self._rig.kinds.get(name, "") for name in needed}):
+            needed = sorted(set(pipeline.required_sensors() or ()) & set(self.stream.buffer.counts.arrivals))
+        for shortage in self._missing.find_shortages(needed, records, self._rig.kinds):
             self._faults.add("FRM001", f"{shortage.sensor} {shortage.text}; {shortage.advice}")
 
     def manifest(self) -> manifest.Manifest:

@@ -12,8 +12,9 @@ from typing import Self, TypeAlias
 
 import numpy as np
 
-from fbench.replay.conditions.disturb import Deferred, Disturbance, DisturbedReader, Event
+from fbench.replay.conditions.disturb import Disturbance, DisturbedReader, Event
 from fbench.replay.conditions.effects import Effects
+from fbench.replay.conditions.steps import Deferred
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.contracts.protocols import Reader, ReaderWrapper
 from fbench.replay.data.messages import Image

@@ -4,8 +4,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from hashlib import blake2b
 
-from fbench.replay.conditions.disturb import RAW, Disturbance, Disturber, in_order_of_delivery
+from fbench.replay.conditions.disturb import Disturbance, Disturber, in_order_of_delivery
 from fbench.replay.conditions.effects import Effects
+from fbench.replay.conditions.steps import RAW
 from fbench.replay.data.images import LAYOUTS, decode, encode_png
 from fbench.replay.data.messages import Image, Message, Pose, Tick
 from fbench.replay.data.rig import RigChange

@@ -7,7 +7,7 @@ import pytest
 from tests.replay.engine.test_run import content, play
 from tests.replay.fakes import MS, RIG, Echo, FakeLog, box, drive
 
-import fbench.replay.conditions.disturb as module
+import fbench.replay.conditions.steps as module
 from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
 from fbench.replay.conditions.effects import Effects, describe
 from fbench.replay.conditions.spec import parse_conditions
