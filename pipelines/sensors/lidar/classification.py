@@ -15,6 +15,7 @@ from fbench.replay.contracts.params import CheckedParams, in_range, require_betw
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.kernels import kernel
+from fbench.replay.geometry.transforms import wrap_angle
 
 
 @kernel
@@ -230,6 +231,7 @@ _TOP = FEATURES.index("top_m")
 _SECTORS, _LEAST_SECTORS = 120, 10  # Of 3 degrees, and in how many of them the highest beam must be seen to end
 _USUAL_SLOPE = float(np.tan(np.radians(15.0)))
 _SAME_SLOPE = 0.02  # By so much [m/m] a tilt of the LiDAR, or of the road, moves it
+_TELLING_POINTS = 30  # Clusters with fewer fill too small an angle
 _HIGHEST_M = 4.5  # No road user is higher [m]: what is seen above that is a tree or a bridge
 
 
@@ -264,6 +266,23 @@ class Seen:
         x, y = cos * along - sin * across - self.viewpoint[0], sin * along + cos * across - self.viewpoint[1]
         return np.asarray(eye_m + steepest * np.hypot(x, y), np.float64)
 
+    @property
+    def density_per_deg2(self) -> float:
+        """How many points the LiDAR has in a square degree [1/deg²]: the median of its clusters, each by the angles
+        that it fills; 0 where they are too small to tell.
+        """
+        first, num = self.standing.first, np.diff(self.standing.first)
+        points, begin = self.standing.xy_height[first[0] :], first[:-1] - first[0]
+        eye_m = float(self.viewpoint[2] - self.plane.z_m(self.viewpoint[None])[0])
+        x, y = (points[:, :2] - self.viewpoint[:2]).T
+        bearing, elevation = np.arctan2(y, x), np.arctan2(points[:, 2] - eye_m, np.hypot(x, y))
+        aside = wrap_angle(bearing - np.repeat(bearing[begin], num))
+        wide, high = (
+            np.degrees(np.maximum.reduceat(v, begin) - np.minimum.reduceat(v, begin)) for v in (aside, elevation)
+        )
+        is_telling = (num >= _TELLING_POINTS) & (wide * high > 0)
+        return float(np.median((num / np.maximum(wide * high, 1e-9))[is_telling])) if is_telling.any() else 0.0
+
 
 def classify(seen: Seen, judge: str | None, car: VehicleSize, others: OtherSizes, shape: CarShapeParams) -> Boxes3D:
     """Complete clusters to road users by the model, by itself or by both, or to cars by rules: also where `judge` says
@@ -290,17 +309,21 @@ def _by_rules(seen: Seen, shape: CarShapeParams) -> tuple[Float64, Float64]:
 _RULES_SAY = 0.1
 """Rules make a car at most as sure as 1 less this, and at least this likely: they hold for a sparse LiDAR, and know
 neither roofs that a high and dense one sees nor anything but cars."""
+_RULES_SHARE = 0.5
+_SPARSE_PER_DEG2, _DENSE_PER_DEG2 = 4.0, 7.0
+"""LiDARs of 16 and 32 beams have 1 to 6 points in a square degree, those of 64 and more have 7 to 15."""
 _VEHICLES = ("car", "van", "truck")
 
 
-def add_rules(probability: Float64, is_vehicle: Bool, score: Float64) -> Float64:
+def add_rules(probability: Float64, is_vehicle: Bool, score: Float64, share: float | Float64 = _RULES_SHARE) -> Float64:
     """Probabilities (M, C) of classes, where rules say by a score (M,) how much clusters look like a car.
 
-    The odds of being a vehicle become the geometric mean of those by the model and by rules (logarithmic opinion pool,
-    Genest and Zidek, "Combining probability distributions", Statistical Science 1986); those of others stay.
+    The odds of being a vehicle become the geometric mean of those by the model and by rules, which weigh `share`
+    (logarithmic opinion pool, Genest and Zidek, "Combining probability distributions", Statistical Science 1986); those
+    of others stay.
     """
     known = probability[:, is_vehicle].sum(axis=1)
-    pooled = probability_of((log_odds(known, 1e-9) + log_odds(score, _RULES_SAY)) / 2)
+    pooled = probability_of((1 - share) * log_odds(known, 1e-9) + share * log_odds(score, _RULES_SAY))
     scale = np.where(is_vehicle, (pooled / np.maximum(known, 1e-9))[:, None], 1.0)
     result = probability * scale
     return np.asarray(result / np.maximum(result.sum(axis=1, keepdims=True), 1.0), np.float64)
@@ -314,7 +337,8 @@ def road_users(seen: Seen, car: VehicleSize, others: OtherSizes, shape: CarShape
     found = features(seen.standing, seen.rectangles)
     probability = model.probabilities(found, seen.ceiling_m)
     if shape is not None:
-        probability = add_rules(probability, np.isin(model.labels, _VEHICLES), _by_rules(seen, shape)[0])
+        share = _RULES_SHARE * fade(np.array(seen.density_per_deg2), _SPARSE_PER_DEG2, _DENSE_PER_DEG2)
+        probability = add_rules(probability, np.isin(model.labels, _VEHICLES), _by_rules(seen, shape)[0], share)
     kind = np.argmax(probability, axis=1)
     sizes = tuple({"car": car, **vars(others)}[label] for label in model.labels.tolist())
     boxes = _complete(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))

@@ -57,8 +57,8 @@ class LidarParams(CheckedParams, prefix="lidar"):
     """What others are completed to; only the model tells them apart."""
     judge: Literal["model", "rules", "both"] | None = None
     """How clusters are judged: `model`, fitted on the simulated city, gives the probability of a road user and its
-    class, `rules` how much a cluster looks like a passenger car, `both` the mean of their log-odds; none: by the model
-    in simulated logs, else by both.
+    class, `rules` how much a cluster looks like a passenger car, `both` the mean of their log-odds, in which rules
+    count the less the denser the LiDAR; none: by the model in simulated logs, else by both.
     """
     shape: CarShapeParams = field(default_factory=CarShapeParams)  # What a cluster must look like by the rules.
     detector: Literal["clusters", "learned"] = "clusters"

@@ -76,6 +76,25 @@ def test_model_and_rules_together_take_the_mean_of_their_log_odds():
     assert pooled[2].tolist() == pytest.approx([0.0, 0.0, 0.9], abs=1e-4)  # not a vehicle: rules say nothing
 
 
+@pytest.mark.parametrize(("step_deg", "density"), [(1.0, 49 / 36), (0.5, 169 / 36), (0.25, 625 / 36), (2.0, 0.0)])
+@pytest.mark.parametrize("ahead_rad", [0.0, np.pi])
+def test_density_is_points_by_the_angles_that_clusters_fill(step_deg, density, ahead_rad):
+    """Walls of 6 by 6 degrees; 16 points are too few to tell."""
+    angles = np.radians(np.arange(-3, 3.01, step_deg))
+    aside, up = (a.ravel() for a in np.meshgrid(angles, angles))
+    points = 20.0 * np.column_stack([np.cos(aside + ahead_rad), np.sin(aside + ahead_rad), np.tan(up)])
+    points[:, 2] += 1.6  # over the ground, as high as the LiDAR is
+    standing = Standing(np.concatenate([points, points]), np.array([0, len(points), 2 * len(points)]), np.zeros((0, 3)))
+    seen = Seen(standing, np.zeros((2, 6)), Plane(0.0, 0.0, -1.6), np.zeros(3))
+    assert seen.density_per_deg2 == pytest.approx(density)
+
+
+def test_the_denser_a_lidar_the_less_rules_count():
+    probability, score = np.array([[0.8, 0.0, 0.1]]), np.array([0.0])
+    found = [add_rules(probability, np.array([True, True, False]), score, share)[0, 0] for share in (0.5, 0.25, 0.0)]
+    assert found[0] < found[1] < found[2] == pytest.approx(0.8)
+
+
 def test_a_car_that_a_dense_lidar_sees_from_above_isnt_rejected_by_rules():
     x, y = np.meshgrid(np.arange(12.0, 16.3, 0.1), np.arange(2.0, 3.8, 0.1))
     roof = np.column_stack([x.ravel(), y.ravel(), -0.15 - 0.35 * (np.abs(x.ravel() - 14.2) > 1.2)])
