@@ -95,7 +95,7 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
     model = options.latency or LatencyModel()
     ready_ns = [frame.ready_ns or 0 for frame in runs[0].frames]
     fixed_ns, lockstep = model.fixed_ns, runs[0].folder / IN_LOCKSTEP
-    service_ns = _measured_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
+    service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
     largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(request.budget_ms * 1e6))
     found = RateSweep(folder, rows, largest)
     replace_text(folder / "sweep.json", json.dumps(sweep_content(found), indent=1, allow_nan=False) + "\n")
@@ -121,7 +121,7 @@ def _row(run: Run, budget_ms: float) -> SweepRow:
     return SweepRow(float(rate), len(times), sum(done is None for _, done in times), missed, age, scores)
 
 
-def _measured_ns(run: Run) -> list[int]:
+def _read_times_ns(run: Run) -> list[int]:
     """Times [ns] of all frames of a run; one that warmed something up takes as long as the median of the others."""
     total, cold = run.frame_times["total"], warm_up_frames(run.frame_times, run.compiled_frames)
     warm = sorted(ns for frame, ns in total.items() if frame not in cold) or sorted(total.values())

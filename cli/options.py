@@ -122,6 +122,18 @@ DetectEvery = Annotated[
     int | None,
     Option(metavar="N", min=1, help="Run detection on every N-th frame only, and predict tracks in between."),
 ]
+Latency = Annotated[
+    str | None,
+    Option(
+        metavar="HOW",
+        help="Frames that come while the pipeline works wait or are dropped, and outputs count from when they are "
+        "ready: 'measured', or a time such as 'fixed:80ms'.",
+    ),
+]
+Overload = Annotated[
+    str | None,
+    Option(metavar="HOW", help="With --latency: 'newest' waits (the default), 'fifo:N' wait, or 'skip'."),
+]
 
 
 def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | None":

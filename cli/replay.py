@@ -15,18 +15,8 @@ def replay(
     pipeline: options.PipelineOrFile = None,
     settings: options.Settings = None,
     detect_every: options.DetectEvery = None,
-    latency: Annotated[
-        str | None,
-        Option(
-            metavar="HOW",
-            help="Frames that come while the pipeline works wait or are dropped, and outputs count from when they are "
-            "ready: 'measured', or a time such as 'fixed:80ms'. By default no frame is ever too late.",
-        ),
-    ] = None,
-    overload: Annotated[
-        str | None,
-        Option(metavar="HOW", help="With --latency: 'newest' waits (the default), 'fifo:N' wait, or 'skip'."),
-    ] = None,
+    latency: options.Latency = None,
+    overload: options.Overload = None,
     config: options.Config = None,
     rig: options.RigFiles = None,
     decoder: options.Decoders = None,

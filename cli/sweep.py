@@ -16,13 +16,8 @@ if TYPE_CHECKING:
 def sweep(
     log: options.Log,
     pipeline: options.PipelineOrFile = None,
-    latency: Annotated[
-        str | None, Option(metavar="HOW", help="How long a frame takes: 'measured', or a time such as 'fixed:80ms'.")
-    ] = None,
-    overload: Annotated[
-        str | None,
-        Option(metavar="HOW", help="What comes meanwhile: 'newest' waits (the default), 'fifo:N' or 'skip'."),
-    ] = None,
+    latency: options.Latency = None,
+    overload: options.Overload = None,
     rates: Annotated[
         str, Option(metavar="RATE,RATE", help="How many times as fast as in real time the log passes.")
     ] = "0.5,1,2,4,8",
