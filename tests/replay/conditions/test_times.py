@@ -64,7 +64,7 @@ def test_loss_has_its_share():
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4, 0.6])
 def test_bursts_have_their_share_and_length(share):
-    gone = [not found for found in results(BurstLoss(), num=20_000, lost_share=share)]
+    gone = [not found for found in results(BurstLoss(), num=40_000, lost_share=share)]
     bursts = [len(list(group)) for is_gone, group in groupby(gone) if is_gone]
     # A mean over bursts whose lengths are geometric with mean 4, and over good stays between them.
     assert np.mean(bursts) == pytest.approx(4, abs=4 * 4 / np.sqrt(len(bursts)))
