@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from fbench.replay.contracts.profiles import Statistics
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import VEHICLES, Source
 from fbench.replay.data.scores import Score, ratio
 from fbench.replay.data.sequences import Objects, Sequence
@@ -101,8 +101,8 @@ class Group:
         held = held if truth.inside is None else held & truth.inside
         return held if truth.ignore is None else held & ~truth.ignore
 
-    def excuses(self, truth: Objects, estimates: Objects, pairs: tuple[Int64, Int64]) -> Bool:
-        """Tell in which pairs (B,) of rows the truth box, which needn't be found, excuses the estimate.
+    def excuses(self, truth: Objects, estimates: Objects) -> tuple[Bool, Bool]:
+        """Tell which truth boxes (N,) that needn't be found excuse any estimate, and which estimates (M,) any excuses.
 
         Truth of this class does always. An ignore region without a class, too. Truth of another class does so
         only for estimates that have no label: a labeled one has the wrong label.
@@ -110,7 +110,7 @@ class Group:
         always = self.holds(truth)
         if truth.ignore is not None:
             always |= truth.ignore & np.isin(truth.label, ["", "other"])
-        return np.asarray(always[pairs[0]] | (estimates.label == "")[pairs[1]])
+        return always, np.asarray(estimates.label == "")
 
 
 VEHICLE = Group("vehicle", VEHICLES, agnostic=True)

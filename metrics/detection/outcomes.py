@@ -81,16 +81,13 @@ def compare_class(sequence: Sequence, group: Group, match: Match) -> Candidates:
     estimates = sequence.estimates[estimate_row]
     invalid = ~is_valid(estimates, match.kind)
     pairs = blocks(truth, estimates, len(sequence.steps), match.kind, sequence.ego_m)
-    shares = pairs.values
+    shares = pairs
     if match.kind == "iou2d":
-        shares = image_overlaps(truth, estimates, len(sequence.steps), np.ones(len(truth), bool)).values
-    usable = ~invalid[pairs.pairs[1]]
-    excused = usable & group.excuses(truth, estimates, pairs.pairs)
+        shares = image_overlaps(truth, estimates, len(sequence.steps), np.ones(len(truth), bool))
     return Candidates(
         sequence, match, group.counts(truth), estimate_row,
         np.ones(len(estimates), bool) if estimates.inside is None else estimates.inside, invalid,
-        replace(pairs, values=np.where(usable, pairs.values, -np.inf)),
-        replace(pairs, values=np.where(excused, shares, -np.inf)),
+        pairs.only(np.zeros(len(truth), bool), ~invalid), shares.only(*group.excuses(truth, estimates)),
     )  # fmt: skip
 
 
@@ -183,12 +180,11 @@ def judge(candidates: Candidates, partner: Int64, by_score: bool = True) -> Judg
     outcome[free & ~c.inside] = Outcome.OUTSIDE
     excusable = free & c.inside & ~c.invalid
     if excusable.any():
-        columns = c.excuse.pairs[1]
-        good = (c.excuse.values >= c.match.floor) & excusable[columns]
         if c.match.kind == "iou2d":  # one box can excuse several estimates
-            outcome[columns[good]] = Outcome.EXCUSED
+            columns = c.excuse.locate(np.flatnonzero(c.excuse.values >= c.match.floor))[1]
+            outcome[columns[excusable[columns]]] = Outcome.EXCUSED
         else:
-            single = replace(c.excuse, values=np.where(good, c.excuse.values, -np.inf))
+            single = c.excuse.only(np.zeros(c.excuse.shape[0], bool), excusable)
             floor, score = c.match.floor, c.estimates.score
             found = match_greedy(single, floor, score) if by_score else match_best(single, floor)
             outcome[found >= 0] = Outcome.EXCUSED

@@ -90,7 +90,8 @@ def share_in_regions(results: Objects, truth: Objects, num_steps: int) -> Float6
     covered, regions = np.zeros(len(results)), truth[truth.label == DONT_CARE]
     if results.xyxy_px is not None and regions.xyxy_px is not None:
         shares = image_overlaps(regions, results, num_steps, np.ones(len(regions), np.bool_))
-        np.maximum.at(covered, shares.pairs[1], shares.values)  # below 0 where one of the two is no rectangle
+        place = np.flatnonzero(shares.values > 0)  # below 0 where one of the two is no rectangle
+        np.maximum.at(covered, shares.locate(place)[1], shares.values[place])
     return covered
 
 
@@ -111,8 +112,8 @@ def pairs_within(truth: Objects, estimates: Objects, num_steps: int, similarity:
     That is AB3DMOT's rule, which rounds the difference; the object benchmark's, above `least`, is stricter.
     """
     found = blocks(truth, estimates, num_steps, similarity)
-    near = 1 - found.values <= 1 - least
-    row, column = found.pairs[0][near], found.pairs[1][near]
+    near = np.flatnonzero(1 - found.values <= 1 - least)
+    row, column = found.locate(near)
     start = np.searchsorted(row, np.arange(len(truth) + 1))
     return Pairs(found.row_start, found.column_start, start, column, found.values[near])
 

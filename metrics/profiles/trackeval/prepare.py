@@ -164,7 +164,7 @@ def _excuse(
     regions = sequence.truth[_select_labels(sequence.truth, {p.region_label})]
     if estimates.xyxy_px is not None and p.region_label and len(regions):
         covered = image_overlaps(regions, estimates, len(sequence.steps), np.ones(len(regions), bool))
-        alone[covered.pairs[1][covered.values > p.region_share + _EPS]] = True
+        alone[covered.locate(np.flatnonzero(covered.values > p.region_share + _EPS))[1]] = True
     return np.where(truth_of < 0, alone, np.append(excuses, False)[truth_of])
 
 
