@@ -50,7 +50,7 @@ class Controlled:
 
 
 def control(counts: Int64, agreement: Sequence[Int64], is_labeled: Bool, value: Ratio) -> Controlled | str:
-    """Estimate a ratio of counts over all N frames, n of which are labeled as if drawn at random; or say that it is undefined.
+    """Estimate a ratio of counts over all N frames, n of which are labeled as if drawn at random; or say why not.
 
     Args:
         counts: (n, K) of the labeled frames.

@@ -68,7 +68,8 @@ class Inference:
         normal, free = float(special.ndtri(1 - level / 2)), self.num_units - 1
         if normal * normal >= self.num_units:
             return None
-        limit = max(float(special.stdtrit(free, 1 - level / 2)), normal / float(np.sqrt(1 - normal**2 / self.num_units)))
+        swapped = normal / float(np.sqrt(1 - normal**2 / self.num_units))
+        limit = max(float(special.stdtrit(free, 1 - level / 2)), swapped)
         z = limit + float(special.stdtrit(free, how.power))
         linear = z * z * self.per_box
         return (linear + float(np.sqrt(linear * linear + 4 * z * z * self.std * self.std))) / 2

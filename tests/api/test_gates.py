@@ -14,6 +14,9 @@ from fbench.replay.data.comparison import Comparison, Row
 from fbench.replay.runs.manifest import LogEntry
 
 
+GATE = 'version = 1\n[[gate]]\nmetric = "f1"\n'
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs of one log: `base`, `noop` with equal bits, `noise` of equal quality, `worse`, and others."""
@@ -158,6 +161,12 @@ def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:
         ('version = 1\n[[gate]]\nmetric = "f11"\n', "gate.toml:3: 'gate.0.metric': unknown metric 'f11'; did you mean"),
         ('version = 1\n[budget]\nmin_coverage = "x"\n', "gate.toml:3: 'budget.min_coverage'"),
         ("version = 1\n[[gate]]\nkind = 'absolute'\n", "gate.toml:2: 'gate.0.metric' is missing"),
+        (GATE + 'class_ = "car"\n', "gate.toml:4: 'gate.0.class_' isn't known; did you mean 'class'"),
+        (GATE + 'min = 0.9\nmax = 0.1\n', "gate.toml:2: 'gate.0': no number is at least 0.9"),
+        (GATE + '[[gate]]\nmetric = "f1"\n', "gate.toml:4: 'gate.1': is about the numbers"),
+        ("version = 1\n[budget]\nfaults = {LOG01 = 0}\n", "gate.toml:3: 'budget.faults': unknown fault 'LOG01'"),
+        (GATE + 'slice = "\\u0000"\n', "gate.toml:4: 'gate.0.slice': has characters that"),
+        ("version = 1\n[[budget]]\nfailed_frames = 0\n", "gate.toml:2: 'budget'"),
         ("version = \n", "not TOML"),
     ],
 )  # fmt: skip
