@@ -27,7 +27,7 @@ class HeldRelation:
     change: str  # Of what the pipeline gets
     least: float  # Agreement that must be reached
     comparison: Comparison | None  # With the results for the original; `None`: it can't be tried on this log
-    reason: str = ""  # Why it can't, or why the pipeline failed
+    reason: str = ""  # Why it can't, why it says nothing, or why the pipeline failed
     has_failed: bool = False  # The pipeline, which didn't with the original
 
     def value(self, metric: str) -> float | None:
@@ -102,7 +102,8 @@ def _check(request: ReplayRequest, base: Run, name: str, relation: Relation, cha
         return HeldRelation(name, change, relation.least, None, str(error), has_failed=True)
     cell = CellName(base.manifest.log.name, base.manifest.pipeline, name)
     pair = CellPair(cell, CellSide(base.manifest, (), base), CellSide(run.manifest, (), run))
-    return HeldRelation(name, change, relation.least, compare_by_base([pair], (), ()))
+    held = HeldRelation(name, change, relation.least, compare_by_base([pair], (), ()))
+    return held if held.agreement is not None else replace(held, reason="neither run has a box")
 
 
 def _has_poses(request: ReplayRequest) -> bool:

@@ -29,7 +29,8 @@ from fbench.replay.runs.folder import Run
 from fbench.replay.setup.source import NO_CONFIG
 
 PIPELINES = ("lidar3d", "radar3d", "early3d", "late3d")
-LABELED = 30
+LABELED = (40, 60)
+LABELED_IN_HALF = 30
 F1 = RATIOS["detection"]["f1"]
 
 
@@ -97,20 +98,21 @@ def main() -> None:
             for other in names
         }
 
-        def try_on(frames: Bool, chosen: Sequence[str], num: int) -> Trials:
-            return try_controls(counts[frames], [agreement[o][frames] for o in chosen], LABELED, num)  # noqa: B023
+        def try_on(frames: Bool, chosen: Sequence[str], num_labeled: int, num: int) -> Trials:
+            return try_controls(counts[frames], [agreement[o][frames] for o in chosen], num_labeled, num)  # noqa: B023
 
-        def print_row(chosen: Sequence[str], what: str, frames: Bool) -> None:
-            found = try_on(frames, chosen, args.trials)
+        def print_row(chosen: Sequence[str], what: str, frames: Bool, num_labeled: int) -> None:
+            found = try_on(frames, chosen, num_labeled, args.trials)
             shares = " | ".join(f"{100 * own:.1f}%" for own in found.held)
-            print(f"| {name} | {', '.join(chosen)} | {what} | {LABELED} | {shares} | {100 * found.gain:.0f}% |")  # noqa: B023
+            print(f"| {name} | {', '.join(chosen)} | {what} | {num_labeled} | {shares} | {100 * found.gain:.0f}% |")  # noqa: B023
 
-        print_row(names, f"all {len(counts)}, no choice", np.ones(len(counts), bool))
+        for num_labeled in LABELED:
+            print_row(names, f"all {len(counts)}, no choice", np.ones(len(counts), bool), num_labeled)
         choices = [subset for size in (1, 2, 3) for subset in itertools.combinations(names, size)]
         for part in (0, 1):
-            gains = [try_on(half != part, subset, args.trials // 10).gain for subset in choices]
+            gains = [try_on(half != part, subset, LABELED_IN_HALF, args.trials // 10).gain for subset in choices]
             what = f"{(half == part).sum()}, chosen on the other {(half != part).sum()}"
-            print_row(choices[int(np.argmax(gains))], what, half == part)
+            print_row(choices[int(np.argmax(gains))], what, half == part, LABELED_IN_HALF)
 
 
 if __name__ == "__main__":

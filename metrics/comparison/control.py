@@ -58,19 +58,22 @@ def control(counts: Int64, agreement: Sequence[Int64], is_labeled: Bool, value: 
         is_labeled: (N,) which of them are labeled.
         value: The ratio, of K counts.
 
-    Each frame's share in the error of the ratio R is linear in its counts (delta method): e = n grad(R) . c, with mean
-    0. Controls g (M,) are the same of the agreements, with mean 0 over all N. With b the slopes of e on g over labeled
-    frames, R - b . mean(g) has variance var(e - b . g) (1/n - 1/N), and R alone var(e) (1/n - 1/N).
+    Each frame's share e in the error of the ratio R is what leaving it out changes, e_i = (n - 1) (R - R without i),
+    centered (jackknife: Efron and Tibshirani 1993, 11). Controls g (M,) are the same of the agreements, with mean 0
+    over all N. With b the slopes of e on g over labeled frames, R - b . mean(g) has variance
+    var(e - b . g) (1/n - 1/N), and R alone var(e) (1/n - 1/N).
 
     Raises MetricError where fewer than `LEAST_FRAMES` are labeled.
     """
     n, total = len(counts), len(is_labeled)
     if n < LEAST_FRAMES + len(agreement):
         raise MetricError(f"{n} labeled frames, at least {LEAST_FRAMES + len(agreement)} are needed for a control")
-    plain, errors = _linearize(counts, value)
+    plain, errors = _measure_shares(counts, value)
     if not np.isfinite(plain):
         return "undefined over the labeled frames"
-    own = np.column_stack([_linearize(other, value)[1][is_labeled] for other in agreement])
+    if not np.isfinite(errors).all():
+        return "undefined without one of the labeled frames"
+    own = np.column_stack([np.nan_to_num(_measure_shares(other, value)[1])[is_labeled] for other in agreement])
     centered = own - own.mean(axis=0)
     slopes = np.linalg.lstsq(centered, errors, rcond=None)[0]
     rest = errors - (centered * slopes).sum(axis=1)
@@ -80,12 +83,12 @@ def control(counts: Int64, agreement: Sequence[Int64], is_labeled: Bool, value: 
     return Controlled(_estimate(plain, errors, n - 1, scale), narrow, n, total)
 
 
-def _linearize(counts: Int64, value: Ratio) -> tuple[float, Float64]:
-    """The ratio over all frames, and each frame's share in it (F,), whose mean is 0."""
+def _measure_shares(counts: Int64, value: Ratio) -> tuple[float, Float64]:
+    """The ratio over all frames, and each frame's share in its error (F,), whose mean is 0; NaN where undefined."""
     total = counts.sum(axis=0, dtype=np.float64)
-    step = max(1e-6 * float(total.sum()), 1e-9)
-    moved = (value(total + step * np.eye(len(total))) - value(total - step * np.eye(len(total)))) / (2 * step)
-    return float(value(total)), np.asarray(len(counts) * (counts @ np.nan_to_num(moved)), np.float64)
+    whole = float(value(total))
+    shares = (len(counts) - 1) * (whole - value(total - counts))
+    return whole, np.asarray(shares - shares.mean(), np.float64)
 
 
 def _estimate(value: float, errors: Float64, free: int, scale: float) -> Estimate:

@@ -13,7 +13,6 @@ from fbench.replay.contracts.errors import ConfigError, FbenchError, MetricError
 from fbench.replay.data.comparison import Comparison, Row
 from fbench.replay.runs.manifest import LogEntry
 
-
 GATE = 'version = 1\n[[gate]]\nmetric = "f1"\n'
 
 

@@ -22,6 +22,11 @@ class Honest:
 class RightOnly(Honest):
     def seen(self, boxes, frame): return boxes[boxes.center_m[:, 1] < 3.0]
 
+class Blind(Honest):
+    def step(self, frame):
+        found = super().step(frame)
+        return Output(found.detections[:0], found.tracks[:0], {})
+
 class Early(Honest):
     def seen(self, boxes, frame):
         if frame.stamp_ns > 10**12:
@@ -54,6 +59,12 @@ def test_a_pipeline_that_sees_one_side_only_violates_the_mirror(verify):
     assert [name for name, violated in _states(result).items() if violated] == ["mirror"]
     text = verify("RightOnly").out
     assert "VIOLATED: 1 of 5 relations" in text
+
+
+def test_what_says_nothing_has_a_reason(verify):
+    result = verify("Blind")
+    assert result.code == 0
+    assert "mirror: neither run has a box" in result.out
 
 
 def test_a_pipeline_that_fails_violates(verify):
