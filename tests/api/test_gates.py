@@ -144,6 +144,15 @@ def test_what_regresses_without_a_gate_is_in_the_headline(runs: Path) -> None:
     assert nothing.headline.startswith("FAILED: no number fits the gate of f1, vehicle, range 0-10 m, or none")
 
 
+def test_a_clear_loss_in_too_few_stretches_says_so(tmp_path: Path) -> None:
+    """Of 6 stretches the smallest p is 2/64, and twice that for two gates."""
+    for name, missed in (("base", set()), ("head", {(i, i % 4) for i in range(60)})):
+        write_drive(tmp_path / name, missed, seconds=6)
+    f1 = compare(tmp_path / "base", tmp_path / "head", "").gating[0]
+    assert f1.verdict == "INCONCLUSIVE"
+    assert "is beyond the tolerance, but p = 0.062 after correction: 6 stretches or scenes are too few" in f1.reason
+
+
 def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:
     gate = '[[gate]]\nmetric = "f1"\ntolerance = 0.0\n'
     assert compare(runs / "base", runs / "noise", gate).state == "inconclusive"
