@@ -69,6 +69,7 @@ class ObjectChange:
     num_frames: int
     range_m: float | None  # Mean, in the ground plane
     why: str
+    xy_m: tuple[float, float] | None = None  # Where it is in the first of the frames, in body coordinates
     weight: float | None = None  # Without labels: how much it matters, in frames of a near object
 
     def __str__(self) -> str:

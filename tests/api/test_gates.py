@@ -80,6 +80,7 @@ def test_a_planted_loss_regresses_and_names_object_stage_and_frame(runs: Path) -
     assert change.frames[1] >= max(i for _, i in lost)
     assert "camera+lidar had it" in change.why
     assert str(change).startswith("LOST car #2 ")
+    assert change.xy_m == pytest.approx((26.0, 0.01 * change.frames[0]))
 
 
 def test_alarms_and_switches_are_told_apart(runs: Path) -> None:
