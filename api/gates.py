@@ -1,13 +1,14 @@
 """Gates: runs, suites and baselines compared by a policy, which says what must not become worse."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from fbench.api.baselines import load_baseline
+from fbench.api.relations import ORIGINAL, RELATIONS_FILE, compare_relations
 from fbench.api.sides import Side, open_results, pair_cells
 from fbench.metrics.comparison.cells import CellPair
 from fbench.metrics.comparison.inference import ErrorRates
@@ -158,10 +159,22 @@ def open_side(path: Path) -> Side:
 
 
 def compare_sides(request: CompareRequest) -> Comparison:
-    """Compare two runs or suites and judge them. Raises ConfigError where a path or the policy isn't as expected.
+    """Compare two runs or suites and judge them, or two folders of `check_relations`: then relations come first, and
+    what was replayed of the log as it is. Raises ConfigError where a path or the policy isn't as expected.
     Raises RunError where a run can't be read. Raises MetricError where the two show different things, were scored by
     other rules, or measured nothing.
     """
+    if not all((folder / RELATIONS_FILE).is_file() for folder in (request.base, request.head)):
+        return _compare_results(request)
+    originals = replace(request, base=request.base / ORIGINAL, head=request.head / ORIGINAL)
+    found = _compare_results(originals)
+    names = (found.rows[0].pipeline, found.rows[0].condition) if found.rows else ("", "")
+    rows = compare_relations(request.base, request.head, *names)
+    state: State = "failed" if any(row.verdict == "REGRESSED" for row in rows) else found.state
+    return replace(found, rows=(*rows, *found.rows), state=state)
+
+
+def _compare_results(request: CompareRequest) -> Comparison:
     policy = None if request.policy is None else load_policy(request.policy)
     rules = default_rules(request.tolerance) if policy is None else tuple(table.rule() for table in policy.gate)
     base, head = open_side(request.base), open_side(request.head)
