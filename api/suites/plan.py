@@ -226,9 +226,10 @@ def _open_recorded(text: SuiteText, place: Place, table: LogTable, beside: Path)
     if table.name is not None and len(paths) > 1:
         raise text.error((*place, "name"), f"the pattern fits {len(paths)} logs, which can't all have one name")
     truth = _open_truth(text, place, table, beside)
-    files = {("config",): table.config, **{("rig", at): name for at, name in enumerate(table.rig)}}
-    for key, name in files.items():
-        if name is not None and (key, name) != (("config",), NO_CONFIG):
+    files: list[tuple[Place, str | None]] = [(("config",), None if table.config == NO_CONFIG else table.config)]
+    files += [(("rig", at), name) for at, name in enumerate(table.rig)]
+    for key, name in files:
+        if name is not None:
             _require_there(text, (*place, *key), beside / name, f"no such file: {name}")
     config = None if table.config is None else NO_CONFIG if table.config == NO_CONFIG else str(beside / table.config)
     rig = [beside / name for name in table.rig]

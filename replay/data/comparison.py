@@ -125,7 +125,8 @@ class Comparison:
     @property
     def places(self) -> Mapping[str, str]:
         """What stands before a change in a cell, for people: `CELL: `; nothing where all are of one cell."""
-        cells = sorted({item.cell for item in (*self.objects, *self.divergences, *self.worst)})
+        found: list[ObjectChange | Divergence | WorstFrame] = [*self.objects, *self.divergences, *self.worst]
+        cells = sorted({item.cell for item in found})
         return {cell: f"{cell}: " if len(cells) > 1 else "" for cell in cells}
 
     @property
