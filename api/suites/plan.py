@@ -227,12 +227,12 @@ def _open_recorded(text: SuiteText, place: Place, table: LogTable, beside: Path)
         raise text.error((*place, "name"), f"the pattern fits {len(paths)} logs, which can't all have one name")
     truth = _open_truth(text, place, table, beside)
     files: list[tuple[Place, str | None]] = [(("config",), None if table.config == NO_CONFIG else table.config)]
-    files += [(("rig", at), name) for at, name in enumerate(table.rig)]
-    for key, name in files:
-        if name is not None:
-            _require_there(text, (*place, *key), beside / name, f"no such file: {name}")
+    files += [(("rig", at), file) for at, file in enumerate(table.rig)]
+    for key, file in files:
+        if file is not None:
+            _require_there(text, (*place, *key), beside / file, f"no such file: {file}")
     config = None if table.config is None else NO_CONFIG if table.config == NO_CONFIG else str(beside / table.config)
-    rig = [beside / name for name in table.rig]
+    rig = [beside / file for file in table.rig]
     for path, url in zip(paths, urls or [""] * len(paths), strict=True):
         name = file_name(path.stem).strip("_.-") if table.name is None else table.name
         request = LogRequest(path, NO_CONFIG if url else config, rig, truth, topics=text.file.replay.topics)
