@@ -228,9 +228,9 @@ def _open_recorded(text: SuiteText, place: Place, table: LogTable, beside: Path)
     truth = _open_truth(text, place, table, beside)
     files: list[tuple[Place, str | None]] = [(("config",), None if table.config == NO_CONFIG else table.config)]
     files += [(("rig", at), file) for at, file in enumerate(table.rig)]
-    for key, file in files:
+    for own, file in files:
         if file is not None:
-            _require_there(text, (*place, *key), beside / file, f"no such file: {file}")
+            _require_there(text, (*place, *own), beside / file, f"no such file: {file}")
     config = None if table.config is None else NO_CONFIG if table.config == NO_CONFIG else str(beside / table.config)
     rig = [beside / file for file in table.rig]
     for path, url in zip(paths, urls or [""] * len(paths), strict=True):
