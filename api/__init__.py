@@ -1,11 +1,14 @@
 """Entry points for programs and notebooks: plain functions with frozen requests; the command line calls the same."""
 
 from fbench.api.bench import BenchRequest, OpenSuite, bench
+from fbench.api.controls import estimate_by_controls
 from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
+from fbench.api.relations import Relations, check_relations
 from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify
 from fbench.api.scores import FileScoreRequest, Resampling, ScoreRequest, ScoreResult, score, score_files
 from fbench.api.sweep import RateSweep, SweepRequest, sweep
 from fbench.datasets.city.request import CityRequest
+from fbench.metrics.comparison.control import Controlled
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.setup.request import ReplayRequest
@@ -15,12 +18,14 @@ __all__ = [
     "BenchRequest",
     "BoxSource",
     "CityRequest",
+    "Controlled",
     "FileScoreRequest",
     "LogRequest",
     "OpenLog",
     "OpenRun",
     "OpenSuite",
     "RateSweep",
+    "Relations",
     "ReplayRequest",
     "Resampling",
     "RunComparison",
@@ -30,7 +35,9 @@ __all__ = [
     "SimulateRequest",
     "SweepRequest",
     "bench",
+    "check_relations",
     "compare",
+    "estimate_by_controls",
     "open_log",
     "open_run",
     "replay",

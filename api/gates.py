@@ -1,13 +1,14 @@
 """Gates: runs, suites and baselines compared by a policy, which says what must not become worse."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from fbench.api.baselines import load_baseline
+from fbench.api.relations import ORIGINAL, RELATIONS_FILE, compare_relations
 from fbench.api.sides import Side, open_results, pair_cells
 from fbench.metrics.comparison.cells import CellPair
 from fbench.metrics.comparison.inference import ErrorRates
@@ -15,7 +16,8 @@ from fbench.metrics.comparison.objects import find_changes, find_divergence
 from fbench.metrics.comparison.verdicts import Judge, Rule, default_rules
 from fbench.metrics.definitions.catalog import definition_of
 from fbench.metrics.latency import compare_repeats
-from fbench.replay.contracts.errors import ConfigError, MetricError, wrong_key
+from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean, require_printable, wrong_key
+from fbench.replay.contracts.faults import FAULTS
 from fbench.replay.contracts.variants import read_config
 from fbench.replay.data.comparison import Comparison, ObjectChange, Row, State, WorstFrame
 from fbench.replay.data.scores import format_count
@@ -23,11 +25,11 @@ from fbench.replay.formats.documents import TomlError, find_line, parse_toml
 
 _MOST_OBJECTS = 100
 Share = Annotated[float, Field(ge=0, le=1)]
-Name = Annotated[str, Field(min_length=1, max_length=200)]
+Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(require_printable)]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class GateTable(_Strict):
@@ -54,6 +56,12 @@ class GateTable(_Strict):
                 raise ValueError(str(error)) from error
         return metric
 
+    @model_validator(mode="after")
+    def _is_possible(self) -> Self:
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"no number is at least {self.min:g} and at most {self.max:g}")
+        return self
+
     def rule(self) -> Rule:
         """Return it as what judges by it takes."""
         names = self.metric, self.class_, self.slice, self.condition, self.pipeline
@@ -68,6 +76,14 @@ class BudgetTable(_Strict):
     failed_frames: Annotated[int, Field(ge=0)] | None = None  # Frames in which the pipeline failed
     incomplete: bool = False  # Whether runs may have lost data
     faults: dict[Name, Annotated[int, Field(ge=0)]] = {}  # Most faults of a code, over all cells
+
+    @field_validator("faults")
+    @classmethod
+    def _are_known(cls, faults: dict[str, int]) -> dict[str, int]:
+        for code in faults:
+            if code not in FAULTS:
+                raise ValueError(f"unknown fault '{code}'{did_you_mean(code, FAULTS)}")
+        return faults
 
 
 class LatencyTable(_Strict):
@@ -98,14 +114,23 @@ _TABLES: Mapping[str, type[BaseModel]] = {"gate": GateTable, "budget": BudgetTab
 def load_policy(path: Path) -> Policy:
     """Read a policy. Raises ConfigError in one line with file, line and key where it isn't as it should be."""
     data = read_config(path, "name a gate.toml", "policy")
+    text = data.decode("utf-8", "replace")
     try:
-        return Policy.model_validate(parse_toml(data))
+        policy = Policy.model_validate(parse_toml(data))
     except TomlError as error:
         raise ConfigError(f"{path}: not TOML: {error}", "CFG003") from error
     except ValidationError as error:
-        line = find_line(data.decode("utf-8", "replace"), error.errors(include_url=False)[0]["loc"])
+        line = find_line(text, error.errors(include_url=False)[0]["loc"])
         why = wrong_key(error, lambda keys: Policy if len(keys) == 1 else _TABLES.get(keys[0], Policy))
         raise ConfigError(f"{path}:{line}: {why}", "CFG003") from error
+    names = [(own.metric, own.class_, own.slice, own.condition, own.pipeline, own.space) for own in policy.gate]
+    for at, name in enumerate(names):
+        if name in names[:at]:
+            line = find_line(text, ("gate", at))
+            raise ConfigError(
+                f"{path}:{line}: 'gate.{at}': is about the numbers of 'gate.{names.index(name)}'", "CFG003"
+            )
+    return policy
 
 
 @dataclass(frozen=True)
@@ -134,10 +159,22 @@ def open_side(path: Path) -> Side:
 
 
 def compare_sides(request: CompareRequest) -> Comparison:
-    """Compare two runs or suites and judge them. Raises ConfigError where a path or the policy isn't as expected.
+    """Compare two runs or suites and judge them, or two folders of `check_relations`: then relations come first, and
+    what was replayed of the log as it is. Raises ConfigError where a path or the policy isn't as expected.
     Raises RunError where a run can't be read. Raises MetricError where the two show different things, were scored by
     other rules, or measured nothing.
     """
+    if not all((folder / RELATIONS_FILE).is_file() for folder in (request.base, request.head)):
+        return _compare_results(request)
+    originals = replace(request, base=request.base / ORIGINAL, head=request.head / ORIGINAL)
+    found = _compare_results(originals)
+    names = (found.rows[0].pipeline, found.rows[0].condition) if found.rows else ("", "")
+    rows = compare_relations(request.base, request.head, *names)
+    state: State = "failed" if any(row.verdict == "REGRESSED" for row in rows) else found.state
+    return replace(found, rows=(*rows, *found.rows), state=state)
+
+
+def _compare_results(request: CompareRequest) -> Comparison:
     policy = None if request.policy is None else load_policy(request.policy)
     rules = default_rules(request.tolerance) if policy is None else tuple(table.rule() for table in policy.gate)
     base, head = open_side(request.base), open_side(request.head)

@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 from typer import Argument, Option
 from typer.core import TyperGroup
 
@@ -70,7 +71,7 @@ def run(
     try:
         with import_progress(1) as simulated:
             result = run_bench(
-                request, simulated, table.finished, lambda: say("waiting for another fbench bench in this folder"),
+                request, simulated, table.note_result, lambda: say("waiting for another fbench bench in this folder"),
                 lambda cells: _watch(table, simulated.hide(), cells),
             )  # fmt: skip
     except KeyboardInterrupt:
@@ -98,10 +99,11 @@ def _watch(
 
 
 class SuiteProgress:
-    """How far a suite is, how long it will take, and what failed: a live table on a terminal, lines otherwise."""
+    """Progress of a suite, time left, and failures: a live table on a terminal, lines otherwise."""
 
     _TENTHS = 10
     _MOST_FAILURES = 5
+    _NARROW = 70  # Columns that the table needs
 
     def __init__(self) -> None:
         self._console = Console(file=sys.stderr)
@@ -114,14 +116,14 @@ class SuiteProgress:
     def show(self, total: int) -> Iterator[None]:
         """Show the progress while the `with` block runs."""
         self._total, self._start = total, time.monotonic()
-        if not self._console.is_terminal:
+        if not self._console.is_terminal or self._console.is_dumb_terminal:
             yield
             return
         with Live(self._table(), console=self._console, transient=True, refresh_per_second=4) as self._live:
             yield
         self._live = None
 
-    def finished(self, cell: "SuiteCell", result: "CellResult") -> None:
+    def note_result(self, cell: "SuiteCell", result: "CellResult") -> None:
         """Note what became of a cell."""
         self._states[result.state] += 1
         if result.state == "failed":
@@ -145,17 +147,20 @@ class SuiteProgress:
         return f", about {_duration(left)} left"
 
     def _table(self) -> Table:
-        table = make_table("cells", "replayed", "there", "unfit", "failed", "elapsed", "")
-        states = self._states
-        table.add_row(
-            f"{states.total()} of {self._total}", *(str(states[name]) for name in ("replayed", "there", "unfit")),
-            str(states["failed"]), _duration(time.monotonic() - self._start), self._left().removeprefix(", "),
-            style="red" if states["failed"] else None,
-        )  # fmt: skip
+        states, elapsed = self._states, _duration(time.monotonic() - self._start)
+        done, left = f"{states.total()} of {self._total}", self._left()
+        style = "red" if states["failed"] else None
+        counts = {name: str(states[name]) for name in ("replayed", "there", "unfit", "failed")}
         outer = Table.grid()
-        outer.add_row(table)
+        if self._console.width < self._NARROW:
+            shown = ", ".join(f"{num} {name}" for name, num in counts.items() if num != "0")
+            outer.add_row(Text(f"{done} cells in {elapsed}{left}: {shown or 'none done'}", style or ""))
+        else:
+            table = make_table("cells", *counts, "elapsed", "")
+            table.add_row(done, *counts.values(), elapsed, left.removeprefix(", "), style=style)
+            outer.add_row(table)
         for line in self._failures[-self._MOST_FAILURES :]:
-            outer.add_row(line)
+            outer.add_row(Text(line))
         return outer
 
 

@@ -73,11 +73,12 @@ def _show(comparison: "Comparison") -> None:
     parts = [f"{num} {verdict}" for verdict, num in counts.items()]
     say(f"other numbers: {', '.join([*parts, f'{empty} have no value in either run'])}")
     say(*(f"first difference: {found.cell}: {found}" for found in comparison.divergences[:_MOST_LINES]))
-    say(*(f"{change}" for change in comparison.objects[:_MOST_LINES]))
+    places = comparison.places
+    say(*(f"{places[change.cell]}{change}" for change in comparison.objects[:_MOST_LINES]))
     if (more := len(comparison.objects) - _MOST_LINES) > 0:
         say(f"... {more} more changes of objects, see --json")
     for frame in comparison.worst[:3]:
-        say(f"worst frame {frame.frame} ({frame.time_s:.1f} s): {frame.base_errors} -> {frame.head_errors} errors")
+        say(f"{places[frame.cell]}worst {frame}")
     say(*(f"failed: {failure}" for failure in comparison.failures))
     say(*(f"{row.verdict}: {row.name}: {row.reason} ({row.gate})" for row in comparison.gating))
     say(comparison.headline)

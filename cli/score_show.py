@@ -144,16 +144,19 @@ def show_controlled(runs: Sequence[Path], controls: Sequence[Path], as_json: boo
     from fbench.api.controls import estimate_by_controls
 
     found = estimate_by_controls(runs, controls)
+    known = {name: one for name, one in found.items() if not isinstance(one, str)}
     if as_json:
-        print_json({name: {**asdict(one), "gain": one.gain} for name, one in found.items()})
+        values = {name: {**asdict(one), "gain": one.gain} for name, one in known.items()}
+        print_json({name: values.get(name, {"reason": one}) for name, one in found.items()})
         return
     table = make_table("metric", "labels alone", "95 %", "with controls", "95 %", "narrower by")
-    for name, one in found.items():
+    for name, one in known.items():
         cells = [text for own in (one.plain, one.narrow) for text in (f"{own.value:.3f}", _ends(own.low, own.high))]
         table.add_row(name, *cells, f"{100 * one.gain:.0f} %" if one.gain > 0 else "no gain; take labels alone")
     console().print(table)
-    first = next(iter(found.values()))
-    say(f"{first.num_labeled} of {first.num_frames} frames are labeled; intervals hold if they were drawn at random")
+    say(*(f"{name}: {why}" for name, why in found.items() if isinstance(why, str)))
+    for one in list(known.values())[:1]:
+        say(f"{one.num_labeled} of {one.num_frames} frames are labeled; intervals hold if they were drawn at random")
 
 
 def _ends(low: float, high: float) -> str:

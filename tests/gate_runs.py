@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from tests.metrics.conftest import boxes3d, make_manifest
+from tests.metrics.conftest import boxes2d, boxes3d, make_manifest
 
 from fbench.api.scores import score_folder
 from fbench.replay.data.boxes import Boxes3D
@@ -34,10 +34,12 @@ def write_drive(
     missing: Mapping[int, Mapping[str, str]] | None = None,
     has_truth: bool = True,
     every: int = 1,
+    in_images: bool = False,
     **changes: Any,
 ) -> Path:
     """Write and score a run at 10 Hz: (frame, object) of what was missed, frames with a false alarm at (20, -20), and
-    frames from which on the first two tracks have each other's id. Only one of `every` frames has truth.
+    frames from which on the first two tracks have each other's id. Only one of `every` frames has truth,
+    the others truth in images alone where `in_images` says so.
     """
     chain = START
     with RunWriter(folder) as writer:
@@ -59,6 +61,8 @@ def write_drive(
             if has_truth and i % every == 0:
                 truth = boxes3d(*places(i), label="car", ids=[float(n) for n in range(NUM_OBJECTS)])
                 writer.label_frame(i, Truth(i * STEP_NS, i * STEP_NS, truth, None))
+            elif in_images:
+                writer.label_frame(i, Truth(i * STEP_NS, i * STEP_NS, None, boxes2d((0, 0, 9, 9), label="car")))
         writer.write_json("faults.json", {"rows": [{"code": "LOG001", "count": 2, "places": []}], "lost": 0})
         writer.write_json("host.json", {"cpu": "x", "cores": 2, "platform": "Linux"})
         writer.finish(make_manifest(digest=chain, num_frames=10 * seconds, **changes))

@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, did_you_mean, require_printable
 from fbench.replay.contracts.variants import read_config
 from fbench.replay.formats.documents import TomlError, find_line, parse_toml
 
 Place: TypeAlias = tuple[str | int, ...]
-Text = Annotated[str, Field(min_length=1, max_length=1000)]
+Text = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(require_printable)]
 Number = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
@@ -29,11 +29,11 @@ class LogTable(_Strict):
     truth: Text | None = None
     truth_format: Text | None = None
     rig: list[Text] = []
-    simulate: Text | list[Text] | None = None
+    simulate: Text | Annotated[list[Text], Field(min_length=1)] | None = None
     """A simulated world."""
-    condition: Text | list[Text] = "clear"
+    condition: Text | Annotated[list[Text], Field(min_length=1)] = "clear"
     seconds: Annotated[float, Field(gt=0, le=86_400)] = 10.0
-    seed: Seed | list[Seed] = 0
+    seed: Seed | Annotated[list[Seed], Field(min_length=1)] = 0
     sensors: list[Text] = []
     set: list[Text] = []
 
@@ -84,7 +84,7 @@ class SuiteFile(_Strict):
     """A whole suite file."""
 
     version: Literal[1]
-    title: Annotated[str, Field(max_length=200)] = ""
+    title: Annotated[str, Field(max_length=200), AfterValidator(require_printable)] = ""
     logs: Annotated[list[LogTable | Text], Field(min_length=1)]
     pipelines: (
         Annotated[list[Text], Field(min_length=1)] | Annotated[dict[Text, PipelineTable | Text], Field(min_length=1)]
@@ -133,9 +133,11 @@ class SuiteText:
             return self.error(place, f"isn't known{did_you_mean(str(place[-1]), _fields(place))}")
         if first["type"] == "missing":
             return self.error(place[:-1] or place, f"'{place[-1]}' is missing")
-        if any(len(other) == len(place) and one is not first for other, one in found if other == place):
-            return self.error(place, _EXPECTED.get(str(place[0]), first["msg"]))
-        return self.error(place, first["msg"].removeprefix("Value error, "))
+        own = [one for other, one in found if other == place]
+        first = next((one for one in own if not one["type"].endswith("_type")), first)
+        is_form = len(own) > 1 and first["type"].endswith("_type")
+        why = _EXPECTED.get(str(place[0]), first["msg"]) if is_form else first["msg"]
+        return self.error(place, why.removeprefix("Value error, "))
 
 
 _EXPECTED = {
@@ -148,7 +150,11 @@ _MODELS: dict[str, type[BaseModel]] = {
 
 
 def _fields(place: Place) -> list[str]:
-    model = SuiteFile if len(place) == 1 else _MODELS.get(str(place[0]), SuiteFile)
+    return field_names(SuiteFile if len(place) == 1 else _MODELS.get(str(place[0]), SuiteFile))
+
+
+def field_names(model: type[BaseModel]) -> list[str]:
+    """Return the keys of a table as the file has them."""
     return [field.alias or name for name, field in model.model_fields.items()]
 
 

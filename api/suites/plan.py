@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from fbench.api.runs import short_name
-from fbench.api.suites.file import LogTable, PipelineTable, Place, SuiteText
+from fbench.api.suites.file import LogTable, PipelineTable, Place, ReplayTable, SuiteText, field_names
 from fbench.api.suites.logs import Drive
 from fbench.api.suites.store import find_logs, is_url, log_place
 from fbench.metrics.profiles.choose import choose_profile
 from fbench.replay.conditions.spec import CLEAR, has_strength, parse_conditions
-from fbench.replay.contracts.errors import ConfigError, FbenchError
+from fbench.replay.contracts.errors import ConfigError, FbenchError, did_you_mean
 from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.data.files import file_name, with_digest
@@ -30,6 +30,7 @@ _NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}")
 RUNS, LOGS = "runs", "logs"
 """Folders of a suite."""
 _SEVERITY = "3"
+_OPTION = re.compile(r"(?:--([a-z-]+) )?(.*)", re.DOTALL)  # What an error of the command line begins with
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class SuiteLog:
     """Where it comes from, if not from this machine."""
     drive: Drive | None = None
     """What is to be simulated, if it is."""
+    place: Place = field(default=(), compare=False)
+    """Where the suite's file names it."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ def make_suite(text: SuiteText, beside: Path, out: Path) -> Suite:
     for number, profile in enumerate(file.scoring.profiles):
         with _Place(text, ("scoring", "profiles", number)):
             choose_profile(profile, None)
-    _require_unique(text, ("rates",), file.rates)
+    _require_unique(text, ("rates",), [rate if rate == "max" else float(rate) for rate in file.rates])
     _require_unique(text, ("seeds",), file.seeds)
     _require_unique(text, ("scoring", "profiles"), file.scoring.profiles)
     given, scoring = file.replay, file.scoring
@@ -153,15 +156,18 @@ def make_suite(text: SuiteText, beside: Path, out: Path) -> Suite:
         file.title, logs, pipelines, conditions, file.rates, file.seeds, options, file.scoring.profiles, out,
         text.content, text.where, {str(log.request.path.absolute()): log.url for log in logs if log.url},
     )  # fmt: skip
+    checked: list[tuple[object, ...]] = []
     for log in logs:
-        if not log.url and log.drive is None:
-            with _Place(text, ("replay",) if "[replay]" in text.content else ("logs",)):
+        one = log.request.config or log.request.path, *log.request.rig
+        if one not in checked:
+            checked.append(one)
+            with _Place(text, log.place):
                 replace(options, log=log.request).resolve()
     return suite
 
 
 class _Place:
-    """Adds file, line and key to errors inside a `with` block."""
+    """Adds file, line and key to errors inside a `with` block; options of a replay have a key of their own."""
 
     def __init__(self, text: SuiteText, place: Place) -> None:
         self._text, self._place = text, place
@@ -169,9 +175,13 @@ class _Place:
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, OSError):
+            raise self._text.error(self._place, f"can't be read ({error.strerror})") from error
         if isinstance(error, FbenchError):
-            shown = re.sub(r"^--(set|condition|rate|sensors) ", "", str(error))
-            raise self._text.error(self._place, shown) from error
+            option, shown = _OPTION.fullmatch(str(error)).groups()  # type: ignore[union-attr]  # fits any text
+            key = (option or "").replace("-", "_")
+            known = [name for name in field_names(ReplayTable) if key and name.startswith(key)]
+            raise self._text.error(("replay", known[0]) if known else self._place, shown) from error
 
 
 def _logs(text: SuiteText, beside: Path, out: Path) -> Iterator[SuiteLog]:
@@ -195,7 +205,7 @@ def _logs(text: SuiteText, beside: Path, out: Path) -> Iterator[SuiteLog]:
             if other is not log:
                 raise text.error(place, f"two logs are called '{log.name}'; give one a name")
             paths.add(path)
-            yield log
+            yield replace(log, place=place)
 
 
 def _open_recorded(text: SuiteText, place: Place, table: LogTable, beside: Path) -> Iterator[SuiteLog]:
@@ -210,21 +220,44 @@ def _open_recorded(text: SuiteText, place: Place, table: LogTable, beside: Path)
     if not urls:
         pattern = str(beside / given)
         paths = [Path(one) for one in sorted(glob(pattern, recursive=True))] if has_magic(given) else [Path(pattern)]
-        if not paths or not paths[0].exists():
+        if not paths:
             raise text.error(where, f"no such log: {given}")
+        _require_there(text, where, paths[0], f"no such log: {given}")
     if table.name is not None and len(paths) > 1:
         raise text.error((*place, "name"), f"the pattern fits {len(paths)} logs, which can't all have one name")
-    truth = None
-    if table.truth is not None:
-        truth = BoxSource(beside / table.truth, table.truth_format)
-        if not truth.path.exists():
-            raise text.error((*place, "truth"), f"no such file: {table.truth}")
+    truth = _open_truth(text, place, table, beside)
+    files: list[tuple[Place, str | None]] = [(("config",), None if table.config == NO_CONFIG else table.config)]
+    files += [(("rig", at), file) for at, file in enumerate(table.rig)]
+    for own, file in files:
+        if file is not None:
+            _require_there(text, (*place, *own), beside / file, f"no such file: {file}")
     config = None if table.config is None else NO_CONFIG if table.config == NO_CONFIG else str(beside / table.config)
-    rig = [beside / name for name in table.rig]
+    rig = [beside / file for file in table.rig]
     for path, url in zip(paths, urls or [""] * len(paths), strict=True):
         name = file_name(path.stem).strip("_.-") if table.name is None else table.name
         request = LogRequest(path, NO_CONFIG if url else config, rig, truth, topics=text.file.replay.topics)
         yield SuiteLog(name, request, url)
+
+
+def _open_truth(text: SuiteText, place: Place, table: LogTable, beside: Path) -> BoxSource | None:
+    if table.truth_format is not None:
+        from fbench.replay.formats.open import FORMATS
+
+        where = (*place, "truth_format")
+        if table.truth is None:
+            raise text.error(where, "goes with truth")
+        if table.truth_format not in FORMATS:
+            raise text.error(where, f"'{table.truth_format}' isn't a format{did_you_mean(table.truth_format, FORMATS)}")
+    if table.truth is None:
+        return None
+    _require_there(text, (*place, "truth"), beside / table.truth, f"no such file: {table.truth}")
+    return BoxSource(beside / table.truth, table.truth_format)
+
+
+def _require_there(text: SuiteText, place: Place, path: Path, what: str) -> None:
+    with _Place(text, place):
+        if not path.exists():
+            raise ConfigError(what)
 
 
 def _plan_simulated(text: SuiteText, place: Place, table: LogTable, out: Path) -> Iterator[SuiteLog]:
@@ -303,7 +336,9 @@ def _conditions(text: SuiteText, beside: Path) -> dict[str, str]:
                 every = {"+".join(f"{part.strip()}:{own}" for part in given.split("+")): "" for own in severities}
                 every = {name: _file_beside(name, beside) for name in every}
             for name, condition in every.items():
-                parse_conditions(condition)
+                parts = parse_conditions(condition)
+                if not parts and name != CLEAR:
+                    raise ConfigError(f"'{name}' changes nothing; write '{CLEAR}'")
                 if name in found:
                     raise ConfigError(f"'{name}' is listed twice")
                 found[name] = condition

@@ -85,8 +85,8 @@ class CellSide:
 
 def cut_into_stretches(run: Run, frames: FrameCounts) -> Stretches:
     """Add up the counts of the frames of each stretch."""
-    cut = cut_run(run, LEAST_UNITS)
-    cut = cut_run(run, 1) if isinstance(cut, str) else cut
+    cuts = (cut_run(run, least) for least in (LEAST_UNITS, 2, 1))  # short runs may be enough together
+    cut = next((own for own in cuts if not isinstance(own, str)), "")
     labeled = [frame for frame in run.frames if frame.truth_spaces]
     if isinstance(cut, str):
         index = np.array([frame.index for frame in labeled], np.int64)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from fbench.metrics.comparison.inference import Ratio
 from fbench.replay.contracts.errors import MetricError
@@ -21,7 +21,7 @@ _SHARE = 0.95
 
 
 @dataclass(frozen=True)
-class Interval:
+class Estimate:
     """A value with its 95 % interval."""
 
     value: float
@@ -30,7 +30,7 @@ class Interval:
 
     @property
     def width(self) -> float:
-        """From end to end."""
+        """Width of the interval."""
         return self.high - self.low
 
 
@@ -38,8 +38,8 @@ class Interval:
 class Controlled:
     """A value of all frames, estimated from labeled ones alone, and with control variates."""
 
-    plain: Interval
-    narrow: Interval
+    plain: Estimate
+    narrow: Estimate
     num_labeled: int
     num_frames: int
 
@@ -48,14 +48,9 @@ class Controlled:
         """By which share control variates narrow the interval; below 0 where they widen it."""
         return 1 - self.narrow.width / self.plain.width if self.plain.width else 0.0
 
-    @property
-    def best(self) -> Interval:
-        """The narrower one."""
-        return self.narrow if self.gain > 0 else self.plain
 
-
-def control(counts: Int64, agreement: Sequence[Int64], is_labeled: Bool, value: Ratio) -> Controlled:
-    """Estimate a ratio of counts over all N frames, n of which are labeled as if drawn at random.
+def control(counts: Int64, agreement: Sequence[Int64], is_labeled: Bool, value: Ratio) -> Controlled | str:
+    """Estimate a ratio of counts over all N frames, n of which are labeled as if drawn at random; or say why not.
 
     Args:
         counts: (n, K) of the labeled frames.
@@ -63,36 +58,39 @@ def control(counts: Int64, agreement: Sequence[Int64], is_labeled: Bool, value: 
         is_labeled: (N,) which of them are labeled.
         value: The ratio, of K counts.
 
-    Each frame's share in the error of the ratio R is linear in its counts (delta method): e = n grad(R) . c, with mean
-    0. Controls g (M,) are the same of the agreements, with mean 0 over all N. With b the slopes of e on g over labeled
-    frames, R - b . mean(g) has variance var(e - b . g) (1/n - 1/N), and R alone var(e) (1/n - 1/N).
+    Each frame's share e in the error of the ratio R is what leaving it out changes, e_i = (n - 1) (R - R without i),
+    centered (jackknife: Efron and Tibshirani 1993, 11). Controls g (M,) are the same of the agreements, with mean 0
+    over all N. With b the slopes of e on g over labeled frames, R - b . mean(g) has variance
+    var(e - b . g) (1/n - 1/N), and R alone var(e) (1/n - 1/N).
 
-    Raises MetricError where fewer than `LEAST_FRAMES` are labeled, or the ratio is undefined.
+    Raises MetricError where fewer than `LEAST_FRAMES` are labeled.
     """
     n, total = len(counts), len(is_labeled)
     if n < LEAST_FRAMES + len(agreement):
         raise MetricError(f"{n} labeled frames, at least {LEAST_FRAMES + len(agreement)} are needed for a control")
-    plain, errors = _linearize(counts, value)
+    plain, errors = _measure_shares(counts, value)
     if not np.isfinite(plain):
-        raise MetricError("undefined over the labeled frames")
-    own = np.column_stack([_linearize(other, value)[1][is_labeled] for other in agreement])
+        return "undefined over the labeled frames"
+    if not np.isfinite(errors).all():
+        return "undefined without one of the labeled frames"
+    own = np.column_stack([np.nan_to_num(_measure_shares(other, value)[1])[is_labeled] for other in agreement])
     centered = own - own.mean(axis=0)
     slopes = np.linalg.lstsq(centered, errors, rcond=None)[0]
     rest = errors - (centered * slopes).sum(axis=1)
     scale = float(np.sqrt(1 / n - 1 / total))
     moved = plain - float((slopes * own.mean(axis=0)).sum())
-    narrow = _interval(moved, rest, n - 1 - len(agreement), scale)
-    return Controlled(_interval(plain, errors, n - 1, scale), narrow, n, total)
+    narrow = _estimate(moved, rest, n - 1 - len(agreement), scale)
+    return Controlled(_estimate(plain, errors, n - 1, scale), narrow, n, total)
 
 
-def _linearize(counts: Int64, value: Ratio) -> tuple[float, Float64]:
-    """The ratio over all frames, and each frame's share in it (F,), whose mean is 0."""
+def _measure_shares(counts: Int64, value: Ratio) -> tuple[float, Float64]:
+    """The ratio over all frames, and each frame's share in its error (F,), whose mean is 0; NaN where undefined."""
     total = counts.sum(axis=0, dtype=np.float64)
-    step = max(1e-6 * float(total.sum()), 1e-9)
-    moved = (value(total + step * np.eye(len(total))) - value(total - step * np.eye(len(total)))) / (2 * step)
-    return float(value(total)), np.asarray(len(counts) * (counts @ np.nan_to_num(moved)), np.float64)
+    whole = float(value(total))
+    shares = (len(counts) - 1) * (whole - value(total - counts))
+    return whole, np.asarray(shares - shares.mean(), np.float64)
 
 
-def _interval(value: float, errors: Float64, free: int, scale: float) -> Interval:
-    half = float(stats.t.ppf((1 + _SHARE) / 2, free)) * scale * float(np.sqrt((errors**2).sum() / free))
-    return Interval(value, value - half, value + half)
+def _estimate(value: float, errors: Float64, free: int, scale: float) -> Estimate:
+    half = float(special.stdtrit(free, (1 + _SHARE) / 2)) * scale * float(np.sqrt((errors**2).sum() / free))
+    return Estimate(value, value - half, value + half)

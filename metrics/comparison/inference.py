@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from fbench.metrics.core.bootstrap import LEAST_UNITS, MOST_UNDEFINED, Bootstrap
 from fbench.replay.conditions.generators import generator
@@ -65,11 +65,12 @@ class Inference:
         level = how.alpha / max(num_judged, 1)
         if 2.0 ** (1 - self.num_units) > level or 1 / (how.num_flips + 1) > level:
             return None
-        normal, free = float(stats.norm.ppf(1 - level / 2)), self.num_units - 1
+        normal, free = float(special.ndtri(1 - level / 2)), self.num_units - 1
         if normal * normal >= self.num_units:
             return None
-        limit = max(float(stats.t.ppf(1 - level / 2, free)), normal / float(np.sqrt(1 - normal**2 / self.num_units)))
-        z = limit + float(stats.t.ppf(how.power, free))
+        swapped = normal / float(np.sqrt(1 - normal**2 / self.num_units))
+        limit = max(float(special.stdtrit(free, 1 - level / 2)), swapped)
+        z = limit + float(special.stdtrit(free, how.power))
         linear = z * z * self.per_box
         return (linear + float(np.sqrt(linear * linear + 4 * z * z * self.std * self.std))) / 2
 
@@ -148,8 +149,8 @@ def _worth_of_one(total: Float64, value: Ratio) -> float:
 def _expanded(num_units: int) -> list[float]:
     """Levels of the percentiles of a 95 % interval of a mean of few units."""
     rest = (1 - Bootstrap().share) / 2
-    wide = np.sqrt(num_units / (num_units - 1)) * stats.t.ppf(rest, num_units - 1)
-    level = float(stats.norm.cdf(wide))
+    wide = np.sqrt(num_units / (num_units - 1)) * special.stdtrit(num_units - 1, rest)
+    level = float(special.ndtr(wide))
     return [level, 1 - level]
 
 

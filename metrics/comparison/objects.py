@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from fbench.metrics.comparison.cells import CellPair
 from fbench.metrics.comparison.counts import options_of
-from fbench.metrics.core.slices import VEHICLE, ground_range
+from fbench.metrics.core.slices import VEHICLE
 from fbench.metrics.detection.outcomes import Judgement, Outcome, compare_class, judge_detections
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import views
@@ -20,12 +20,15 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.comparison import Divergence, ObjectChange, WorstFrame
 from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.data.sequences import Objects
 from fbench.replay.runs.folder import FrameRecord, Run
 
 _NAMES = {Source.C: "camera", Source.L: "lidar", Source.R: "radar", Source.S: "stereo"}
 _GAP = 2  # Frames that a stretch may skip
 _NEAR = 3.0  # How many times the threshold a detection may be off and still be worth a word
-Kind = Literal["LOST", "FOUND", "NEW FALSE ALARM", "NEW SWITCH"]
+Kind: TypeAlias = Literal["LOST", "FOUND", "NEW FALSE ALARM", "NEW SWITCH"]
+Place: TypeAlias = tuple[float, tuple[float, float] | None]
+"""Distance in the ground plane [m], NaN where unknown; and x, y in body coordinates [m], `None` in images."""
 
 
 def name_sensors(sources: int) -> str:
@@ -42,8 +45,16 @@ class Event:
     label: str
     camera: str
     frame: int
-    range_m: float
+    place: Place
     why: str
+
+
+def place_of(objects: Objects, row: int) -> Place:
+    """Return where an object is."""
+    if objects.center_m is not None:
+        x, y = objects.center_m[row, :2].tolist()
+        return float(np.hypot(x, y)), (x, y)
+    return (np.nan if objects.distance_m is None else float(objects.distance_m[row])), None
 
 
 class _Side:
@@ -116,7 +127,6 @@ def find_changes(pair: CellPair, most: int = 50) -> tuple[list[ObjectChange], li
 def _missed(base: _Side, head: _Side) -> Iterator[Event]:
     """Yield truth boxes that one side found and the other didn't."""
     c = base.judged.candidates
-    ranges = ground_range(c.truth)
     for key, n in base.keys.items():
         m = head.keys.get(key)
         if m is None or (base.found[n] >= 0) == (head.found[m] >= 0):
@@ -126,9 +136,9 @@ def _missed(base: _Side, head: _Side) -> Iterator[Event]:
         had = one.sources(int(base.found[n] if is_lost else head.found[m]))
         missed = other.explain_miss(at)
         sensors = f"{had} had it" if had else f"{'base' if is_lost else 'head'} had it"
-        label, far = str(c.truth.label[n]), np.nan if ranges is None else float(ranges[n])
-        why = f"{missed}; {sensors}"
-        yield Event("LOST" if is_lost else "FOUND", key[2], label, key[1], head.frame(m), far, why)
+        kind: Kind = "LOST" if is_lost else "FOUND"
+        place, why = place_of(c.truth, n), f"{missed}; {sensors}"
+        yield Event(kind, key[2], str(c.truth.label[n]), key[1], head.frame(m), place, why)
 
 
 def _alarms(base: _Side, head: _Side) -> Iterator[Event]:
@@ -149,9 +159,7 @@ def _alarms(base: _Side, head: _Side) -> Iterator[Event]:
         before.setdefault(frame, []).append((xy, identity))
         e, seen = head.judged.candidates.estimates, head.sources(m)
         why = f"by {seen}" if seen else "base had none there"
-        ranges = ground_range(e[m : m + 1])
-        far = np.nan if ranges is None else float(ranges[0])
-        yield Event("NEW FALSE ALARM", identity, str(e.label[m]), "", frame, far, why)
+        yield Event("NEW FALSE ALARM", identity, str(e.label[m]), "", frame, place_of(e, m), why)
 
 
 def _false(side: _Side) -> Iterator[tuple[int, Float64, int]]:
@@ -170,9 +178,8 @@ def _switches(base: _Side, head: _Side) -> Iterator[Event]:
     for (frame, identity, camera), row in _switched(head):
         if (head.records[frame].stamp_ns, identity, camera) not in old and head.followed is not None:
             truth = head.followed[0].candidates.truth
-            ranges = ground_range(truth[row : row + 1])
-            far = np.nan if ranges is None else float(ranges[0])
-            yield Event("NEW SWITCH", identity, str(truth.label[row]), camera, frame, far, "base kept its track")
+            place, label = place_of(truth, row), str(truth.label[row])
+            yield Event("NEW SWITCH", identity, label, camera, frame, place, "base kept its track")
 
 
 def _switched(side: _Side) -> Iterator[tuple[tuple[int, int, str], int]]:
@@ -202,14 +209,15 @@ def join_events(events: Iterable[Event], cell: str, records: Mapping[int, FrameR
 def _change(part: Sequence[Event], cell: str, records: Mapping[int, FrameRecord], start_ns: int) -> ObjectChange:
     event, first, last = part[0], part[0].frame, part[-1].frame
     from_s, to_s = ((records[frame].stamp_ns - start_ns) / 1e9 for frame in (first, last))
-    ranges = [e.range_m for e in part if np.isfinite(e.range_m)]
+    ranges = [e.place[0] for e in part if np.isfinite(e.place[0])]
     far = float(np.mean(ranges)) if ranges else None
     # Of several reasons the most frequent one, as a reader wants one.
     reasons = [e.why for e in part]
     why = max(dict.fromkeys(reasons), key=reasons.count) + (f", in camera {event.camera}" if event.camera else "")
     number = None if event.identity < 0 or event.kind == "NEW FALSE ALARM" else event.identity
     num = len({e.frame for e in part})
-    return ObjectChange(event.kind, cell, event.label, number, from_s, to_s, (first, last), num, far, why)
+    names = event.kind, cell, event.label, number
+    return ObjectChange(*names, from_s, to_s, (first, last), num, far, why, event.place[1])
 
 
 def _worst(pair: CellPair, records: Mapping[int, FrameRecord], most: int = 5) -> list[WorstFrame]:

@@ -8,9 +8,9 @@ import numpy as np
 
 from fbench.metrics.comparison.cells import CellPair
 from fbench.metrics.comparison.counts import count_outcomes
-from fbench.metrics.comparison.objects import Event, Kind, find_divergence, join_events, name_sensors
+from fbench.metrics.comparison.objects import Event, Kind, find_divergence, join_events, name_sensors, place_of
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.slices import RANGES_M, Group, by_range, ground_range
+from fbench.metrics.core.slices import RANGES_M, Group, by_range
 from fbench.metrics.detection.outcomes import Judgement, Outcome, compare_class, judge_detections
 from fbench.metrics.runs.columns import objects_of
 from fbench.metrics.runs.places import ground_points, has_poses
@@ -165,7 +165,6 @@ def rank_changes(base: Run, head: Run, cell: str = "") -> list[ObjectChange]:
     records = {record.index: record for record in base.frames}
     events, weights = list[Event](), dict[tuple[Kind, int], float]()
     for kind, objects, is_shared, rows, who in sides:
-        ranges = ground_range(objects)
         weights |= {(kind, i): w for i, w in _weigh(kind, objects.track_id, is_shared).items()}
         for row in rows.tolist():
             sources = "" if objects.sources is None else name_sensors(int(objects.sources[row]))
@@ -173,8 +172,8 @@ def rank_changes(base: Run, head: Run, cell: str = "") -> list[ObjectChange]:
             gone = ", ".join(f"no {name}" for name in records[index].missing) if kind == "LOST" else ""
             why = "; ".join(part for part in (gone, f"{sources or who} had it") if part)
             why = "base kept its track" if kind == "NEW SWITCH" else why
-            far = np.nan if ranges is None else float(ranges[row])
-            events.append(Event(kind, int(objects.track_id[row]), str(objects.label[row]), "", index, far, why))
+            place = place_of(objects, row)
+            events.append(Event(kind, int(objects.track_id[row]), str(objects.label[row]), "", index, place, why))
     ranked = []
     for change in join_events(events, cell, records):
         track = -1 if change.track_id is None else change.track_id

@@ -168,7 +168,15 @@ def _judge(n: _Number, p: float | None, how: ErrorRates) -> tuple[Verdict, str]:
         return ("improved" if gain > 0 else "REGRESSED"), f"p = {p:.2g} after correction"
     if -tolerance - _ROUNDING <= n.found.low and n.found.high <= tolerance + _ROUNDING:
         return "same", "the interval is within the tolerance"
-    return "INCONCLUSIVE", f"the interval {n.found.low:+.3f} to {n.found.high:+.3f} reaches beyond the tolerance"
+    return "INCONCLUSIVE", _explain_doubt(n.found.low, n.found.high, tolerance, p, n.found.num_units)
+
+
+def _explain_doubt(low: float, high: float, tolerance: float, p: float, num_units: int) -> str:
+    interval = f"the interval {low:+.3f} to {high:+.3f}"
+    if low <= tolerance and high >= -tolerance:
+        return f"{interval} reaches beyond the tolerance"
+    few = f"{num_units} stretches or scenes are too few to be sure"
+    return f"{interval} is beyond the tolerance, but p = {p:.2g} after correction: {few}"
 
 
 def _judge_missing(n: _Number) -> tuple[Verdict, str]:

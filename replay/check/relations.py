@@ -27,8 +27,9 @@ _THINNED = 0.1  # Share of points that are left out
 _TURN_RAD, _SHIFT_M = 1.0, np.array([500.0, -300.0, 0.0])
 _LEFT_RIGHT = np.diag([1.0, -1.0, 1.0])  # Of body, LiDAR and radar, whose y is to the left
 _IN_IMAGE = np.diag([-1.0, 1.0, 1.0])  # Of cameras, whose x is to the right
-_TANGENTIAL = {"plumb_bob": (3,), "rational_polynomial": (3, 8, 9)}
-"""Which distortion coefficients change their sign in a mirror; all others of a model don't."""
+_RADIAL, _TANGENTIAL = ("", "fisheye", "equidistant"), ("plumb_bob", "rational_polynomial")
+_P2, _MOST_COEFFICIENTS = 3, 8
+"""Of k1, k2, p1, p2, k3 to k6, only p2 is along x, and changes its sign in a mirror; others may follow."""
 
 
 class Relation:
@@ -156,11 +157,10 @@ def _mirror_mount(mount: Mount) -> Mount:
 def _mirror_camera(name: str, camera: CameraModel) -> CameraModel:
     K, bent = np.array(camera.K), np.array(camera.distortion)
     K[0, 2], K[0, 1] = camera.size_wh[0] - 1 - K[0, 2], -K[0, 1]
-    flipped = _TANGENTIAL.get(camera.distortion_model, ())
-    if len(bent) > 8 or (flipped == () and camera.distortion_model not in ("", "fisheye", "equidistant")):
+    if len(bent) > _MOST_COEFFICIENTS or camera.distortion_model not in (*_RADIAL, *_TANGENTIAL):
         raise LogError(f"camera '{name}' can't be mirrored: its lens ({camera.distortion_model}, {len(bent)} numbers)")
-    at = [i for i in flipped if i < len(bent)]
-    bent[at] = -bent[at]
+    if camera.distortion_model in _TANGENTIAL and len(bent) > _P2:
+        bent[_P2] *= -1
     return replace(camera, K=K, distortion=bent)
 
 

@@ -171,6 +171,13 @@ def first_wrong(error: "ValidationError") -> str:
     return ": ".join(text for text in wrong_field(error) if text)
 
 
+def require_printable(text: str) -> str:
+    """Return a text of a configuration. Raises ValueError where it holds what no name or path needs, such as NUL."""
+    if not text.isprintable():
+        raise ValueError("has characters that can't be printed")
+    return text
+
+
 def wrong_key(error: "ValidationError", table_of: Callable[[list[str]], "type[BaseModel]"], hint: str = "") -> str:
     """Say what is wrong first in a TOML file: `table_of` gives the table of a key that isn't known, for the name that
     may be meant, and `hint` follows.
@@ -179,7 +186,8 @@ def wrong_key(error: "ValidationError", table_of: Callable[[list[str]], "type[Ba
     keys = [str(part) for part in found["loc"]]
     place = ".".join(keys)
     if found["type"] == "extra_forbidden":
-        return f"'{place}' isn't known{did_you_mean(keys[-1], table_of(keys).model_fields)}{hint}"
+        names = [field.alias or name for name, field in table_of(keys).model_fields.items()]
+        return f"'{place}' isn't known{did_you_mean(keys[-1], names)}{hint}"
     if found["type"] == "missing":
         return f"'{place}' is missing"
     return f"'{place}': {found['msg'].removeprefix('Value error, ')}"

@@ -1,4 +1,4 @@
-"""What a comparison of runs or suites found, ready to be shown; `schema` publishes its JSON."""
+"""Results of a comparison of two runs or suites: numbers with verdicts, changes of objects, and the JSON schema."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,7 +15,7 @@ State: TypeAlias = Literal["identical", "passed", "inconclusive", "failed"]
 
 @dataclass(frozen=True)
 class Row:
-    """One number of both sides, of one pipeline under one condition."""
+    """A number of base and head, with its verdict, of one pipeline under one condition."""
 
     pipeline: str
     condition: str
@@ -39,7 +39,7 @@ class Row:
 
     @property
     def primary(self) -> bool:
-        """Whether it decides."""
+        """Whether it gates."""
         return bool(self.gate)
 
     @property
@@ -57,7 +57,7 @@ class Row:
 
 @dataclass(frozen=True)
 class ObjectChange:
-    """An object, or an alarm, that only one side has, in a stretch of frames."""
+    """An object or false alarm that only base or only head has, over some frames; or a switch of identity."""
 
     kind: Literal["LOST", "FOUND", "NEW FALSE ALARM", "NEW SWITCH"]
     cell: str
@@ -69,6 +69,7 @@ class ObjectChange:
     num_frames: int
     range_m: float | None  # Mean, in the ground plane
     why: str
+    xy_m: tuple[float, float] | None = None  # Where it is in the first of the frames, in body coordinates
     weight: float | None = None  # Without labels: how much it matters, in frames of a near object
 
     def __str__(self) -> str:
@@ -103,10 +104,13 @@ class WorstFrame:
     base_errors: int  # Misses and false alarms of detections
     head_errors: int
 
+    def __str__(self) -> str:
+        return f"frame {self.frame} ({self.time_s:.1f} s): {self.base_errors} -> {self.head_errors} errors"
+
 
 @dataclass(frozen=True)
 class Comparison:
-    """All that was found, most important first."""
+    """A whole comparison; in each list the most important comes first."""
 
     rows: tuple[Row, ...]
     tolerance: float
@@ -117,6 +121,13 @@ class Comparison:
     objects: tuple[ObjectChange, ...] = ()
     worst: tuple[WorstFrame, ...] = ()
     without_labels: bool = False  # The base stands for truth: nothing is better or worse, only changed
+
+    @property
+    def places(self) -> Mapping[str, str]:
+        """What stands before a change in a cell, for people: `CELL: `; nothing where all are of one cell."""
+        found: list[ObjectChange | Divergence | WorstFrame] = [*self.objects, *self.divergences, *self.worst]
+        cells = sorted({item.cell for item in found})
+        return {cell: f"{cell}: " if len(cells) > 1 else "" for cell in cells}
 
     @property
     def is_worse(self) -> bool:

@@ -158,7 +158,7 @@ def find_line(content: str, place: Sequence[str | int]) -> int:
             if found[1] == "[[":
                 at = counts[tuple(table)] = counts.get(tuple(table), -1) + 1
                 table.append(at)
-            here = table
+            here = table[: len(place)]  # a list of tables stands where its first does
         elif found := _KEY.match(line):
             here = [*table, *_split_key(found[1])]
         else:

@@ -1,4 +1,4 @@
-"""What jobs of GitHub and GitLab show: annotations, and a report of metrics."""
+"""Annotations of GitHub, and GitLab's report of metrics."""
 
 import re
 
@@ -15,12 +15,12 @@ def annotations(comparison: Comparison) -> list[str]:
         elif row.verdict == "INCONCLUSIVE":
             lines.append(_command("warning", f"fbench: {row.metric} INCONCLUSIVE", said))
     if comparison.is_worse:
-        lines += [_command("notice", "fbench", str(change)) for change in comparison.objects[:5]]
+        lines += [_command("notice", "fbench", f"{comparison.places[c.cell]}{c}") for c in comparison.objects[:5]]
     return lines
 
 
 def _command(kind: str, title: str, text: str) -> str:
-    """One command. Data must not end it, or begin another."""
+    """A workflow command, of which text from data is only text: no line break, which would begin another one."""
     plain = "".join(c if c.isprintable() else " " for c in text).replace("%", "%25")
     return f"::{kind} title={title.replace(',', '%2C').replace(':', '%3A')}::{plain}"
 

@@ -4,7 +4,7 @@ from fbench.replay.data.comparison import Comparison, Row
 from fbench.replay.data.scores import DASH
 
 _MOST_ROWS, _MOST_OBJECTS = 15, 8
-_WIDTH = 41
+_WIDTH, _MOST_NAME = 41, 50  # Characters of the picture, and of names before it
 _SIGNS = {"REGRESSED": "❌", "INCONCLUSIVE": "❔", "improved": "✅", "changed": "🔶"}
 
 
@@ -23,7 +23,9 @@ def comment(comparison: Comparison) -> str:
             lines += ["", f"{more} more numbers changed; see the full report."]
     lines += ["", *(f"- **failed**: {_escape(failure)}" for failure in comparison.failures)]
     lines += [f"- first difference in {_escape(d.cell)}: {_escape(str(d))}" for d in comparison.divergences[:3]]
-    lines += [f"- {_escape(str(change))}" for change in comparison.objects[:_MOST_OBJECTS]]
+    places = comparison.places
+    lines += [f"- {_escape(f'{places[c.cell]}{c}')}" for c in comparison.objects[:_MOST_OBJECTS]]
+    lines += [f"- worst {_escape(f'{places[w.cell]}{w}')}" for w in comparison.worst[:1]]
     if picture := _picture([row for row in rows if row.low is not None]):
         lines += [
             "",
@@ -54,16 +56,23 @@ def _picture(rows: list[Row]) -> list[str]:
     most = max((max(abs(row.low or 0.0), abs(row.high or 0.0)) for row in rows), default=0.0)
     if not most:
         return []
-    half = _WIDTH // 2
+    half, several = _WIDTH // 2, len({(row.pipeline, row.condition) for row in rows}) > 1
+    names = [f"{r.metric} {r.class_} {r.slice}{f', {r.pipeline} {r.condition}' if several else ''}" for r in rows]
+    broad = min(max(map(len, names)), _MOST_NAME)
     lines = []
-    for row in rows:
+    for row, name in zip(rows, names, strict=True):
         low, high, at = (half + round(half * (value or 0.0) / most) for value in (row.low, row.high, row.delta))
         marks = ["-" if low <= i <= high else " " for i in range(_WIDTH)]
         marks[half] = "|"
         marks[low], marks[high] = "[", "]"
         marks[min(max(at, 0), _WIDTH - 1)] = "o"
-        lines.append(f"{f'{row.metric} {row.class_} {row.slice}'[:30]:30} {''.join(marks)}")
-    return [*lines, f"{'':30} {f'{-most:+.3f}':<{half}}0{f'{most:+.3f}':>{half}}"]
+        lines.append(f"{_escape_code(name)[:broad]:{broad}} {''.join(marks)}")
+    return [*lines, f"{'':{broad}} {f'{-most:+.3f}':<{half}}0{f'{most:+.3f}':>{half}}"]
+
+
+def _escape_code(text: str) -> str:
+    """Names must not end the block of code that they stand in."""
+    return "".join(c if c.isprintable() and c != "`" else " " for c in text)
 
 
 def _escape(text: str) -> str:

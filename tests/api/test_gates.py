@@ -13,6 +13,8 @@ from fbench.replay.contracts.errors import ConfigError, FbenchError, MetricError
 from fbench.replay.data.comparison import Comparison, Row
 from fbench.replay.runs.manifest import LogEntry
 
+GATE = 'version = 1\n[[gate]]\nmetric = "f1"\n'
+
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -78,6 +80,7 @@ def test_a_planted_loss_regresses_and_names_object_stage_and_frame(runs: Path) -
     assert change.frames[1] >= max(i for _, i in lost)
     assert "camera+lidar had it" in change.why
     assert str(change).startswith("LOST car #2 ")
+    assert change.xy_m == pytest.approx((26.0, 0.01 * change.frames[0]))
 
 
 def test_alarms_and_switches_are_told_apart(runs: Path) -> None:
@@ -142,6 +145,15 @@ def test_what_regresses_without_a_gate_is_in_the_headline(runs: Path) -> None:
     assert nothing.headline.startswith("FAILED: no number fits the gate of f1, vehicle, range 0-10 m, or none")
 
 
+def test_a_clear_loss_in_too_few_stretches_says_so(tmp_path: Path) -> None:
+    """Of 6 stretches the smallest p is 2/64, and twice that for two gates."""
+    for name, missed in (("base", set()), ("head", {(i, i % 4) for i in range(60)})):
+        write_drive(tmp_path / name, missed, seconds=6)
+    f1 = compare(tmp_path / "base", tmp_path / "head", "").gating[0]
+    assert f1.verdict == "INCONCLUSIVE"
+    assert "is beyond the tolerance, but p = 0.062 after correction: 6 stretches or scenes are too few" in f1.reason
+
+
 def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:
     gate = '[[gate]]\nmetric = "f1"\ntolerance = 0.0\n'
     assert compare(runs / "base", runs / "noise", gate).state == "inconclusive"
@@ -158,6 +170,12 @@ def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:
         ('version = 1\n[[gate]]\nmetric = "f11"\n', "gate.toml:3: 'gate.0.metric': unknown metric 'f11'; did you mean"),
         ('version = 1\n[budget]\nmin_coverage = "x"\n', "gate.toml:3: 'budget.min_coverage'"),
         ("version = 1\n[[gate]]\nkind = 'absolute'\n", "gate.toml:2: 'gate.0.metric' is missing"),
+        (GATE + 'class_ = "car"\n', "gate.toml:4: 'gate.0.class_' isn't known; did you mean 'class'"),
+        (GATE + 'min = 0.9\nmax = 0.1\n', "gate.toml:2: 'gate.0': no number is at least 0.9"),
+        (GATE + '[[gate]]\nmetric = "f1"\n', "gate.toml:4: 'gate.1': is about the numbers"),
+        ("version = 1\n[budget]\nfaults = {LOG01 = 0}\n", "gate.toml:3: 'budget.faults': unknown fault 'LOG01'"),
+        (GATE + 'slice = "\\u0000"\n', "gate.toml:4: 'gate.0.slice': has characters that"),
+        ("version = 1\n[[budget]]\nfailed_frames = 0\n", "gate.toml:2: 'budget'"),
         ("version = \n", "not TOML"),
     ],
 )  # fmt: skip

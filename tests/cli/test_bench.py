@@ -8,11 +8,14 @@ import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
 from tests.api.suites.test_run import MINE
 from tests.cli.conftest import messages, rig, truths, write_log
+
+from fbench.cli.bench import SuiteProgress
 
 MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json"}
 SUITE = """
@@ -107,6 +110,21 @@ def test_wrong_use_is_one_line_and_nothing_runs(fbench, arguments, error):
     assert result.code == 2
     assert error in result.err
     assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize(("term", "width"), [("xterm", "40"), ("xterm", "120"), ("dumb", "80")])
+def test_progress_on_a_terminal_shows_failures_as_text(monkeypatch, capsys, term, width):
+    for name, value in (("FORCE_COLOR", "1"), ("TERM", term), ("COLUMNS", width)):
+        monkeypatch.setenv(name, value)
+    cell = SimpleNamespace(pipeline="late3d", log="drive", condition="fog:3")
+    progress = SuiteProgress()
+    with progress.show(20):
+        for number in range(4):
+            failed = number == 2
+            progress.note_result(cell, SimpleNamespace(state="failed" if failed else "replayed", reason="no [/b] end"))
+    shown = capsys.readouterr().err
+    assert all(text in shown for text in ("failed: late3d on drive", "[/b]", "4 of 20"))
+    assert ("…" in shown) is False
 
 
 def start(*arguments, out):

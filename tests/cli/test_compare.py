@@ -1,14 +1,19 @@
 """`fbench compare` and `fbench baseline`: exit codes, files for CI, and comparisons without labels."""
 
 import json
+import re
+from itertools import product
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from ruamel.yaml import YAML
+from tests.city_log import write_city_log
 from tests.gate_runs import some, write_drive
 
 from fbench.api.gates import load_policy
 from fbench.cli.pytest_plugin import require_no_regression
+from fbench.reports.ci import FORMATS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -126,3 +131,37 @@ def test_wrong_controls_are_one_line(fbench, runs, words, code, said):
     found = fbench("score", *(runs / w if w in ("base", "worse", "nowhere") else w for w in words))
     assert (found.code, said in found.err) == (code, True)
     assert found.err.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_suites_from_init_to_a_red_gate(fbench, tmp_path):
+    """Two logs under two conditions: equal bits are identical, a changed variant regresses by name."""
+    for number, world in enumerate(("urban", "highway")):
+        write_city_log(tmp_path / f"{world}.mcap", 5.0, number, world)
+    variant, text = tmp_path / "mine.toml", 'name = "mine"\nbase = "lidar3d"\n[parameters.lidar.cluster]\neps_m = {}\n'
+    variant.write_text(text.format(0.6), encoding="utf-8")
+    words = ("*.mcap", "-p", "mine.toml", "--condition", "dropout:2", "-o", "suite.toml")
+    assert "suite: suite.toml (4 cells)" in fbench("bench", "init", *words).out
+    for name, radius in (("base", 0.6), ("again", 0.6), ("head", 0.15)):
+        variant.write_text(text.format(radius), encoding="utf-8")
+        result = fbench("bench", "suite.toml", "--jobs", 2, "-o", name)
+        assert (result.code, "cells: 4 of 4 (4 replayed" in result.out) == (0, True)
+    (tmp_path / "gate.toml").write_text("version = 1\n", encoding="utf-8")
+    files = {kind: tmp_path / f"out/{kind}" for kind in FORMATS}
+    targets = [word for kind, path in files.items() for word in ("--write", f"{kind}={path}")]
+    same = fbench("compare", "base", "again", "--policy", "gate.toml", *targets)
+    assert (same.code, same.out.splitlines()[-1]) == (0, "identical: all outputs have equal digests")
+    assert not files["markdown"].exists()
+    worse = fbench("compare", "base", "head", "--policy", "gate.toml", *targets)
+    assert worse.code == 1
+    assert worse.out.splitlines()[-1].startswith("REGRESSED: mine: f1, vehicle")
+    assert "first difference: urban through mine (dropout:2): frame 0 (0.0 s), lidar" in worse.out
+    assert re.search(r"^(urban|highway) through mine.*: LOST car #", worse.out, re.MULTILINE)
+    found = json.loads(files["json"].read_text(encoding="utf-8"))
+    gating = {(row["condition"], row["metric"]): row["verdict"] for row in found["rows"] if row["gate"]}
+    assert gating == dict.fromkeys(product(("clear", "dropout:2"), ("f1", "mota")), "REGRESSED")
+    assert {cell["cell"] for cell in found["divergences"]} == {
+        f"{log} through mine{condition}" for log in ("urban", "highway") for condition in ("", " (dropout:2)")
+    }
+    assert "❌ | mine dropout:2: f1, vehicle" in files["markdown"].read_text(encoding="utf-8")
+    assert ElementTree.parse(files["junit"]).getroot().get("failures") == "4"  # noqa: S314  # our own

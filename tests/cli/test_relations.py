@@ -22,6 +22,11 @@ class Honest:
 class RightOnly(Honest):
     def seen(self, boxes, frame): return boxes[boxes.center_m[:, 1] < 3.0]
 
+class Blind(Honest):
+    def step(self, frame):
+        found = super().step(frame)
+        return Output(found.detections[:0], found.tracks[:0], {})
+
 class Early(Honest):
     def seen(self, boxes, frame):
         if frame.stamp_ns > 10**12:
@@ -45,7 +50,9 @@ def test_an_honest_pipeline_holds(verify, tmp_path):
     assert result.code == 0
     assert "no relation is violated" in result.out
     assert "world: the log has no poses" in result.out
-    assert {path.name for path in (tmp_path / "kept").iterdir()} == {"original", "clock", "twice", "mirror", "thinned"}
+    assert {path.name for path in (tmp_path / "kept").iterdir()} == {
+        "original", "clock", "twice", "mirror", "thinned", "relations.json",
+    }  # fmt: skip
 
 
 def test_a_pipeline_that_sees_one_side_only_violates_the_mirror(verify):
@@ -54,6 +61,34 @@ def test_a_pipeline_that_sees_one_side_only_violates_the_mirror(verify):
     assert [name for name, violated in _states(result).items() if violated] == ["mirror"]
     text = verify("RightOnly").out
     assert "VIOLATED: 1 of 5 relations" in text
+
+
+def test_two_checks_compare_by_relation_and_the_broken_one_comes_first(verify, fbench, tmp_path):
+    for name, folder in (("Honest", "base"), ("Honest", "again"), ("RightOnly", "head")):
+        verify(name, "--keep", folder)
+    words = ("--reference", "base", "--json")
+    found = fbench("compare", "base", "head", *words)
+    assert (found.code, found.err) == (1, "")
+    rows = found.json()["rows"]
+    assert rows[0]["slice"] == "relation mirror"
+    assert (rows[0]["base"], rows[0]["verdict"]) == (1.0, "REGRESSED")
+    assert rows[0]["head"] == pytest.approx(0.5)  # of two boxes on the right in each, one is the same
+    assert {row["verdict"] for row in rows[1:5]} <= {"same", "changed", "new"}
+    assert found.json()["headline"].startswith("REGRESSED: mine-Honest -> mine-RightOnly: agreement, any, relation")
+    same = fbench("compare", "base", "again", *words)
+    assert (same.code, same.json()["state"]) == (0, "identical")
+    text = fbench("compare", "head", "base", "--reference", "base").out
+    assert "relation mirror" in text
+    (tmp_path / "head/relations.json").write_text('{"format": 2}')
+    broken = fbench("compare", "base", "head")
+    assert (broken.code, broken.err.count("\n")) == (3, 1)
+    assert "relations.json: not a file of this version" in broken.err
+
+
+def test_what_says_nothing_has_a_reason(verify):
+    result = verify("Blind")
+    assert result.code == 0
+    assert "mirror: neither run has a box" in result.out
 
 
 def test_a_pipeline_that_fails_violates(verify):

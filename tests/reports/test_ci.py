@@ -90,6 +90,16 @@ def test_a_comment_is_written_only_where_something_changed(tmp_path: Path) -> No
     assert not file.exists()
 
 
+def test_of_several_cells_changes_and_intervals_say_whose_they_are() -> None:
+    lost = replace(FAILED.objects[0], cell="other through late3d")
+    two = replace(FAILED, rows=(*FAILED.rows, replace(FAILED.rows[0], condition="fog:3")), objects=(lost,))
+    text = FORMATS["markdown"](two)
+    assert "- other through late3d: LOST car" in text
+    assert "f1 vehicle all, late3d fog:3" in text.split("```")[1]
+    assert "other through late3d: LOST car #17" in FORMATS["junit"](two)
+    assert any("::other through late3d: LOST" in line for line in write_comparison(two, "github", Path("/dev/null")))
+
+
 def test_markup_in_names_stays_text() -> None:
     text = FORMATS["markdown"](found("failed", replace(row("REGRESSED"), pipeline="a|b<img>@all")))
     assert "a\\|b\\<img\\>@\u200ball" in text

@@ -78,6 +78,7 @@ def test_a_changed_parameter_keeps_the_name_and_the_folder(tmp_path):
 HEAD = "version = 1\n"
 LOG = '[[logs]]\nsimulate = "urban"\n'
 LIST = 'pipelines = ["lidar3d"]\n'
+HERE = '[[logs]]\npath = "."\n'
 
 
 @pytest.mark.parametrize(
@@ -110,6 +111,24 @@ LIST = 'pipelines = ["lidar3d"]\n'
         (HEAD + LIST + "seeds = [1, 2, 1]\n" + LOG, 3, "'seeds.2': 1 is listed twice"),
         (HEAD + LIST + LOG + '[scoring]\nprofiles = ["kiti"]\n', 6, "kiti"),
         (HEAD + LIST + LOG + '[replay]\nstamps = "now"\n', 6, "'replay.stamps'"),
+        (HEAD + LIST + LOG + '[replay]\nfrom = "x"\n', 6, "'replay.from': x: expected seconds from the start on"),
+        (HEAD + LIST + LOG + '[replay]\nframes = "b"\n', 6, "'replay.frames': b: expected A:B"),
+        (HEAD + LIST + LOG + '[replay]\nfault_budget = ["x"]\n', 6, "'replay.fault_budget': x: expected a number"),
+        (HEAD + LIST + LOG + '[replay]\ninterpolate_truth_ms = 1e8\n', 6, "'replay.interpolate_truth_ms': 1e+08"),
+        (HEAD + LIST + LOG + '[[replay]]\nframes = "1"\n', 5, "'replay'"),
+        (HEAD + LIST + 'rates = ["1", "1.0"]\n' + LOG, 3, "'rates.1': 1.0 is listed twice"),
+        (HEAD + LIST + 'conditions = ["clear", "fog:0"]\n' + LOG, 3, "'fog:0' changes nothing; write 'clear'"),
+        (HEAD + LIST + LOG.replace('"urban"', "[]"), 4, "'logs.0.simulate': List should have at least 1 item"),
+        (HEAD + LIST + LOG + "seed = []\n", 5, "'logs.0.seed': List should have at least 1 item"),
+        (HEAD + LIST + LOG + 'truth_format = "kitti"\n', 5, "'logs.0.truth_format': is for a recorded log"),
+        (HEAD + LIST + HERE + 'truth_format = "kitti"\n', 5, "'logs.0.truth_format': goes with truth"),
+        (HEAD + LIST + HERE + 'truth = "."\ntruth_format = "kiti"\n', 6, "'kiti' isn't a format; did you mean 'kitti'"),
+        (HEAD + LIST + HERE + 'config = "no.toml"\n', 5, "'logs.0.config': no such file: no.toml"),
+        (HEAD + LIST + HERE + 'rig = ["no.yaml"]\n', 5, "'logs.0.rig.0': no such file: no.yaml"),
+        (HEAD + LIST + 'logs = ["a\\u0000.mcap"]\n', 3, "'logs.0': has characters that can't be printed"),
+        (HEAD + LIST + f'logs = ["{"a" * 900}"]\n', 3, "'logs.0.path': can't be read (File name too long)"),
+        (HEAD + 'pipelines = ["a\\u0000.toml"]\n' + LOG, 2, "'pipelines.0': has characters that can't be printed"),
+        (HEAD + 'title = "a\\nb"\n' + LIST + LOG, 2, "'title': has characters that can't be printed"),
         ("version = 2\n" + LIST + LOG, 1, "'version'"),
         (LIST + LOG, 1, "'version' is missing"),
         (HEAD + LOG, 1, "'pipelines' is missing"),
@@ -135,4 +154,5 @@ def test_lines_of_keys():
     assert find_line(content, ("b", "c", "d")) == 3
     assert find_line(content, ("e", 1, "f")) == 7
     assert find_line(content, ("e", 0, "nothing")) == 4
+    assert find_line(content, ("e",)) == 4
     assert find_line(content, ("z",)) == 1

@@ -65,7 +65,16 @@ def test_a_control_that_says_nothing_is_not_used():
     same = np.tile([6, 0, 4], (200, 1))
     found = control(counts[is_labeled], [same], is_labeled, RECALL)
     assert found.gain < 0
-    assert found.best == found.plain
+
+
+def test_a_number_that_hangs_on_one_frame_has_no_interval():
+    counts = np.tile([0, 0, 4], (40, 1))
+    counts[7] = [2, 1, 2]
+    is_labeled = np.arange(200) < 40
+    agreement, _ = population(0.5)
+    precision = RATIOS["detection"]["precision"]
+    assert control(counts, [agreement], is_labeled, precision) == "undefined without one of the labeled frames"
+    assert control(0 * counts, [agreement], is_labeled, precision) == "undefined over the labeled frames"
 
 
 @pytest.mark.parametrize(("num", "said"), [(10, "10 labeled frames, at least 11"), (0, "0 labeled frames")])
