@@ -30,6 +30,8 @@ METRICS = ("f1", "precision", "recall", "ap", "mota", "idf1", "hota")
 _NUM_PAST, _LONGEST_PAST_S = 5, 0.5
 """Outputs, the last one included, and time over which the motion of a box in an image is fitted: two of them alone are
 too rough, since sides of boxes jitter by pixels."""
+_NEAR_M, _NEAR_IOU = 2.0, 0.5  # A detection and a track that are so near are of one object
+_SLOWEST_MPS = 1e-3  # Of what is slower nobody knows a direction
 _NO_OUTPUT = "no output was ready at any instant"
 
 
@@ -106,12 +108,19 @@ class StreamedRun(SharedRun):
     def detections(self) -> BoxTable:
         """Detections as they were known at each frame's instant."""
         table, tracks = self.base.detections, self.base.tracks
-        return self._place(table, _lend_rates(table, self._rates(table), tracks, self._rates(tracks)))
+        lent, own = _take_nearest(self._rates(tracks), table, tracks), self._rates(table)
+        if isinstance(table.boxes, Boxes3D):
+            return self._place(table, _correct_rates(lent, own))
+        return self._place(table, np.where(np.isfinite(own), own, lent))
 
     @cached_property
     def tracks(self) -> BoxTable:
         """Tracks as they were known at each frame's instant."""
-        return self._place(self.base.tracks, self._rates(self.base.tracks))
+        table, detections = self.base.tracks, self.base.detections
+        rates = self._rates(table)
+        if isinstance(table.boxes, Boxes3D) and isinstance(detections.boxes, Boxes3D):
+            rates = _correct_rates(rates, _take_nearest(self._rates(detections), table, detections))
+        return self._place(table, rates)
 
     def _place(self, table: BoxTable, rates: Float64) -> BoxTable:
         """Give each frame the boxes of the output that counts. `rates` (N, 3 or 4) as `_rates` returns."""
@@ -174,22 +183,35 @@ class StreamedRun(SharedRun):
         return rates
 
 
-def _lend_rates(table: BoxTable, rates: Float64, tracks: BoxTable, track_rates: Float64) -> Float64:
-    """Return the rates of detections (N, 3 or 4), those that aren't known from the nearest track of the same frame."""
-    rates = rates.copy()
-    for frame in np.unique(table.frames[~np.isfinite(rates).all(axis=1)]):
-        (a, b), (c, d) = (np.searchsorted(side.frames, [frame, frame + 1]) for side in (table, tracks))
+def _take_nearest(rates: Float64, table: BoxTable, others: BoxTable) -> Float64:
+    """Return of `rates` (M, 3 or 4) of the other boxes that of the nearest in the same frame, within `_NEAR_M` or from
+    an IoU of `_NEAR_IOU` on, for each box (N, 3 or 4); NaN: there is none.
+    """
+    taken = np.full((len(table.boxes), rates.shape[1]), np.nan)
+    for frame in np.unique(table.frames):
+        (a, b), (c, d) = (np.searchsorted(side.frames, [frame, frame + 1]) for side in (table, others))
         if c == d:
             continue
-        found, known, lent = table.boxes[a:b], tracks.boxes[c:d], track_rates[c:d]
+        found, known = table.boxes[a:b], others.boxes[c:d]
         if isinstance(found, Boxes2D) and isinstance(known, Boxes2D):
-            similarity = np.where(found.camera[:, None] == known.camera, iou_2d(found.xyxy_px, known.xyxy_px), 0) - 0.5
+            is_same = found.camera[:, None] == known.camera
+            similarity = np.where(is_same, iou_2d(found.xyxy_px, known.xyxy_px), 0) - _NEAR_IOU
         elif isinstance(found, Boxes3D) and isinstance(known, Boxes3D):
-            similarity = 2.0 - distance_bev(found.center_m, known.center_m)
+            similarity = _NEAR_M - distance_bev(found.center_m, known.center_m)
         else:
             continue
         best = np.nan_to_num(similarity, nan=-1.0).argmax(axis=1)
         near = similarity[np.arange(b - a), best] >= 0
-        unknown = near & ~np.isfinite(rates[a:b]).all(axis=1)
-        rates[a:b][unknown] = lent[best[unknown]]
-    return rates
+        taken[a:b][near] = rates[c:d][best[near]]
+    return taken
+
+
+def _correct_rates(rates: Float64, measured: Float64) -> Float64:
+    """Give velocities (N, 3) the speed that was measured along the direction in which it was measured: radar knows the
+    part along the line of sight well, and nothing of the rest. Where only one of the two is known, it counts.
+    """
+    speed = np.linalg.norm(measured, axis=1, keepdims=True)
+    direction = measured / np.maximum(speed, _SLOWEST_MPS)
+    corrected = rates + direction * (speed - (direction * rates).sum(axis=1, keepdims=True))
+    both = np.isfinite(corrected) & (speed >= _SLOWEST_MPS)
+    return np.where(both, corrected, np.where(np.isfinite(rates), rates, measured))
