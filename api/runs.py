@@ -4,7 +4,7 @@ import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
@@ -216,7 +216,7 @@ def replay(
 
     Args:
         request: The log, the pipeline and all options.
-        progress: Gets the number of frames that are done.
+        progress: Gets the number of frames that are done, those of a replay in lockstep included.
         failed: Gets every exception that counts as a failed frame.
         shared: Messages that earlier replays of the same log under the same condition read.
         lockstep: Folder of the same replay without latency, which is copied; `None`: it is replayed where it is needed.
@@ -247,11 +247,14 @@ def replay(
         if lockstep is not None:
             copytree(lockstep, folder / IN_LOCKSTEP)
         elif request.latency is not None:  # so that both can be compared
+            opened.close()  # a second pipeline beside the first may not fit, and would share its processors
             same = replace(request, latency=None, overload=None, rate="max", no_media=True, report=False)
-            replay(replace(same, out=folder / IN_LOCKSTEP), shared=shared)
+            num_before = Run(folder).manifest.num_frames
+            replay(replace(same, out=folder / IN_LOCKSTEP), lambda num: progress(num_before + num), shared=shared)
         score_folder(folder, request.scoring)
 
-    with open_requested(request, options.settings) as (pipeline, parameters), explain_losses(faults):
+    with ExitStack() as opened, explain_losses(faults):
+        pipeline, parameters = opened.enter_context(open_requested(request, options.settings))
         plan = replace(
             make_plan(options, pipeline, name, parameters),
             variant=entry,

@@ -88,10 +88,11 @@ class StreamedRun(SharedRun):
     """A run whose frames have the outputs that were the latest at their instants.
 
     As they are, outputs keep their coordinates: those of the body, or of the images, at the instant that they are
-    about. A forecast moves them to the frame's instant. Boxes in space go on with their velocity in a straight line
-    and are seen from where the body is then, as far as the log has poses. Boxes in images go on as their track moved
-    in its last outputs. A detection that tells no velocity moves with the nearest track of its output, within 2 m
-    or from an IoU of 0.5 on; what nobody knows the velocity of stands still.
+    about. A forecast moves them to the frame's instant. Boxes in space go on in a straight line and are seen from where
+    the body is then, as far as the log has poses. Their velocity is that of the track, with the speed that the
+    detection measured along its own velocity: a filter learns late from places what radar sees at once. Boxes in
+    images go on as their track moved in its last outputs. A detection and the nearest track of its output, within 2 m
+    or from an IoU of 0.5 on, are of one object; what nobody knows the velocity of stands still.
     """
 
     base: Run
