@@ -17,6 +17,7 @@ from fbench.replay.contracts.errors import ConfigError
 T = TypeVar("T")
 R = TypeVar("R")
 Overload: TypeAlias = Literal["newest", "fifo", "skip"]
+MEASURED = "measured"
 MAX_DEPTH = 100_000
 MOST_NS = 86_400 * 10**9
 """A frame takes at most a day of log time, so that instants are whole 64-bit numbers."""
@@ -66,7 +67,7 @@ def make_latency(latency: str | None, overload: str | None, rate: float | None) 
             raise ConfigError(f"--overload {overload}: is about --latency, which is missing")
         return None
     found = _FIXED.fullmatch(latency)
-    if found is None and latency != "measured":
+    if found is None and latency != MEASURED:
         raise ConfigError(f"--latency {latency}: expected 'measured', or a time such as 'fixed:80ms'")
     fixed_ns = None if found is None else round(Fraction(found[1]) * _UNITS_NS[found[2]])
     policy = OverloadPolicy() if overload is None else _make_policy(overload)

@@ -71,7 +71,7 @@ def test_the_command(fbench, log):  # noqa: F811
     assert {path.name for path in Path("a").iterdir()} == {
         "rate-1", "rate-0.5", "rate-4", "sweep.json", "report.html"
     }  # fmt: skip
-    # At half the rate the pipeline gets what it got at the first, and isn't run again: the run is the same as if it was.
+    # At half the rate the pipeline gets the same frames, so that it isn't run again; the run is what it would be.
     for rate in ("0.5", "4"):
         assert fbench("replay", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rate", rate, "--no-media",
                       "--on-fault", "tolerant", "-o", f"b{rate}").code == 0  # fmt: skip

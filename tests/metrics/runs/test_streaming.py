@@ -162,18 +162,16 @@ def test_a_detection_without_velocity_moves_with_the_track_near_it(tmp_path):
 
 
 def test_a_radial_velocity_corrects_that_of_its_track(tmp_path):
-    """Radar sees 13 m/s along (0.6, 0.8); the track believes (5, 0): of that 3 m/s are along it, so that it gains 10."""
+    """Radar sees 13 m/s along (0.6, 0.8); the track believes (5, 0), of which 3 m/s are along it, so it gains 10."""
     radial = np.array([[0.6 * 13, 0.8 * 13, 0.0]])
     detections = replace(boxes3d((10, 0), (30, 0), score=[0.9, 0.8]), velocity_mps=np.vstack([radial, radial]))
     tracks = moving(10.5, 0.0, 5.0)
     truth = [Truth(i * STEP, i * STEP, detections) for i in range(2)]
     run = write(tmp_path / "run", [(detections, tracks)] * 2, truth, STEP)
-    expected = np.array([5 + 6, 8, 0]) * 0.1
-    np.testing.assert_allclose(streamed(run).tracks.at(1).center_m, [[10.5, 0, 0] + expected])
+    np.testing.assert_allclose(streamed(run).tracks.at(1).center_m, [[10.5 + 1.1, 0.8, 0]])
     # The other one is near no track, so that only the radial part is known.
-    np.testing.assert_allclose(
-        streamed(run).detections.at(1).center_m, [[10, 0, 0] + expected, [30, 0, 0] + radial[0] * 0.1]
-    )
+    expected = [[10 + 1.1, 0.8, 0], [30 + 0.78, 1.04, 0]]
+    np.testing.assert_allclose(streamed(run).detections.at(1).center_m, expected)
 
 
 def test_a_detection_that_stands_still_says_no_direction(tmp_path):
