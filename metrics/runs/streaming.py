@@ -6,21 +6,23 @@ whose output was done when the frame was ready for the pipeline; nothing where t
 frame is paired with its own output, as in lockstep, and how long messages travel is no latency of the pipeline.
 """
 
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from fbench.metrics.core.slices import VEHICLE
+from fbench.metrics.core.slices import VEHICLE, ScoreCounts
 from fbench.metrics.detection.scores import DetectionCounts, detection_counts
 from fbench.metrics.runs import detection, tracking
+from fbench.metrics.runs.combine import RunTable, measure_run
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import measure_classes, views
+from fbench.metrics.tracking.scores import TrackingCounts
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, Score, ScoreOptions
+from fbench.replay.engine.service_queue import pair_outputs
 from fbench.replay.geometry.iou import distance_bev, iou_2d, move_boxes
 from fbench.replay.geometry.transforms import chain, inverse, pose_matrices
 from fbench.replay.runs.folder import FrameRecord, Run
@@ -43,13 +45,50 @@ def score_streaming(run: Run, options: ScoreOptions, lockstep: Sequence[Score]) 
     source = pair_outputs(run.frames)
     rows = [replace(row, slice=LOCKSTEP) for row in _select(lockstep)]
     for name in (STREAMING, FORECAST):
-        streamed = StreamedRun(run.folder, run, source, name == FORECAST)
-        detected, tracked = (views(streamed, table, options) for table in (streamed.detections, streamed.tracks))
-        found = measure_classes(detected, streamed.detections, detection_counts, DetectionCounts())
+        found, tracked = _measure(run, source, options, name == FORECAST)
         own = [row for entry in found for row in detection.rows_of(entry)]
-        own += [row for entry in tracking.measure_tracks(streamed, tracked) for row in tracking.rows_of(entry)]
+        own += [row for entry in tracked for row in tracking.rows_of(entry)]
         rows += [replace(row, slice=name) for row in _select(own)]
-    return [*rows, _staleness(run.frames, source)]
+    return [*rows, _staleness(_count_ages(run.frames, source))]
+
+
+@dataclass(frozen=True)
+class StreamingTable:
+    """What must be known of a run with latency to score it with others."""
+
+    parts: Mapping[str, RunTable]
+    """By slice: `lockstep`, `streaming`, `streaming, forecast`."""
+    ages: Mapping[str, int]
+
+    def __add__(self, other: "StreamingTable") -> "StreamingTable":
+        ages = {name: num + other.ages[name] for name, num in self.ages.items()}
+        return StreamingTable({name: part + other.parts[name] for name, part in self.parts.items()}, ages)
+
+    def rows(self) -> list[Score]:
+        """Return the rows that `score_streaming` gives of one run."""
+        rows = [replace(row, slice=name) for name, part in self.parts.items() for row in _select(part.rows())]
+        return [*rows, _staleness(self.ages)]
+
+
+def measure_streaming(run: Run, lockstep: Run, options: ScoreOptions) -> StreamingTable:
+    """Measure a run with latency, and the same replay without. Raises MetricError where an id occurs twice in one
+    frame.
+    """
+    source, whole = pair_outputs(run.frames), measure_run(lockstep, options).table
+    parts = {LOCKSTEP: whole}
+    for name in (STREAMING, FORECAST):
+        found, tracked = _measure(run, source, options, name == FORECAST)
+        parts[name] = replace(whole, detection=found, tracking=tracked)
+    return StreamingTable(parts, _count_ages(run.frames, source))
+
+
+def _measure(
+    run: Run, source: Int64, options: ScoreOptions, has_forecast: bool
+) -> tuple[tuple[ScoreCounts[DetectionCounts], ...], tuple[ScoreCounts[TrackingCounts], ...]]:
+    streamed = StreamedRun(run.folder, run, source, has_forecast)
+    detected, tracked = (views(streamed, table, options) for table in (streamed.detections, streamed.tracks))
+    found = measure_classes(detected, streamed.detections, detection_counts, DetectionCounts())
+    return found, tracking.measure_tracks(streamed, tracked)
 
 
 def _select(rows: Sequence[Score]) -> list[Score]:
@@ -57,30 +96,17 @@ def _select(rows: Sequence[Score]) -> list[Score]:
     return [replace(row, low=None, high=None, interval=None) for row in wanted if row.metric in METRICS]
 
 
-def _staleness(frames: Sequence[FrameRecord], source: Int64) -> Score:
+def _count_ages(frames: Sequence[FrameRecord], source: Int64) -> dict[str, int]:
     stamps = np.array([frame.stamp_ns for frame in frames], np.int64)
     kept = source >= 0
     age_ns, num = int((stamps[kept] - stamps[source[kept]]).sum()), int(kept.sum())
-    counts = {"age_ns": age_ns, "frames": num, "without_output": len(frames) - num}
-    value = age_ns / num / 1e6 if num else None
-    return Score("staleness", "all", STREAMING, "", value, None if num else _NO_OUTPUT, "ms", counts)
+    return {"age_ns": age_ns, "frames": num, "without_output": len(frames) - num}
 
 
-def pair_outputs(frames: Sequence[FrameRecord]) -> Int64:
-    """Return the row (F,) of the frame whose output counts at the instant of each frame; -1: there is none. A frame
-    that failed has an output in which nothing is found; one that was dropped has none.
-    """
-    source = np.full(len(frames), -1, np.int64)
-    latest, segment, pending = -1, -1, deque[tuple[int, int]]()
-    for row, frame in enumerate(frames):
-        if frame.segment != segment:
-            latest, segment, pending = -1, frame.segment, deque()
-        if frame.done_ns is not None:
-            pending.append((frame.done_ns, row))
-        while pending and frame.ready_ns is not None and pending[0][0] <= frame.ready_ns:
-            latest = pending.popleft()[1]
-        source[row] = latest
-    return source
+def _staleness(ages: Mapping[str, int]) -> Score:
+    num = ages["frames"]
+    value, reason = (ages["age_ns"] / num / 1e6, None) if num else (None, _NO_OUTPUT)
+    return Score("staleness", "all", STREAMING, "", value, reason, "ms", dict(ages))
 
 
 @dataclass(frozen=True, eq=False)

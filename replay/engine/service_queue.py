@@ -7,12 +7,16 @@ schedules on any host.
 
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic, Literal, TypeAlias, TypeVar
 
+import numpy as np
+
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Int64
+from fbench.replay.runs.folder import FrameRecord
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -143,3 +147,20 @@ class ServiceQueue(Generic[T, R]):
         if self._policy.kind == "fifo" and start_ns > ready_ns:
             self._starts_ns.append(start_ns)
         return frame, Service(start_ns, self._free_ns, result)
+
+
+def pair_outputs(frames: Sequence[FrameRecord]) -> Int64:
+    """Return the row (F,) of the frame whose output counts at the instant of each frame; -1: there is none. A frame
+    that failed has an output in which nothing is found; one that was dropped has none.
+    """
+    source = np.full(len(frames), -1, np.int64)
+    latest, segment, pending = -1, -1, deque[tuple[int, int]]()
+    for row, frame in enumerate(frames):
+        if frame.segment != segment:
+            latest, segment, pending = -1, frame.segment, deque()
+        if frame.done_ns is not None:
+            pending.append((frame.done_ns, row))
+        while pending and frame.ready_ns is not None and pending[0][0] <= frame.ready_ns:
+            latest = pending.popleft()[1]
+        source[row] = latest
+    return source

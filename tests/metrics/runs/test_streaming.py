@@ -8,10 +8,11 @@ from tests.metrics.conftest import NO_CAMERA, boxes2d, boxes3d, front_camera, ma
 
 from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
-from fbench.metrics.runs.streaming import StreamedRun, pair_outputs, score_streaming
+from fbench.metrics.runs.streaming import StreamedRun, measure_streaming, score_streaming
 from fbench.metrics.runs.tracking import Tracking
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, ScoreOptions
+from fbench.replay.engine.service_queue import pair_outputs
 from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
 from fbench.replay.runs.manifest import LatencyEntry
 
@@ -128,6 +129,22 @@ def test_accuracy_falls_with_latency_as_geometry_predicts(tmp_path, speed_mps):
         assert rows["staleness", STREAMING].value == (100 * k)
         recalls.append(rows["recall", STREAMING].value)
     assert recalls == sorted(recalls, reverse=True)
+
+
+def test_several_runs_together_are_their_counts_added(tmp_path):
+    """12 frames of which 1 and 3 have no output: 20 of 24 are found with a forecast; ages are 100 and 300 ms."""
+    tables = []
+    for name, k in (("a", 1), ("b", 3)):
+        run = drive(tmp_path / name, k * STEP, 30.0)
+        tables.append(measure_streaming(run, run, ScoreOptions()))
+        alone = {(row.metric, row.slice): row.value for row in tables[-1].rows() if not row.matching.startswith("iou")}
+        assert alone == {key: row.value for key, row in scores(run).items()}
+    rows = {(row.metric, row.slice): row for row in (tables[0] + tables[1]).rows() if row.matching[:3] != "iou"}
+    assert rows["recall", LOCKSTEP].counts["tp"] == 24
+    assert (rows["recall", FORECAST].counts["tp"], rows["mota", FORECAST].value) == (20, pytest.approx(20 / 24))
+    assert rows["recall", STREAMING].counts["tp"] == 0
+    assert rows["staleness", STREAMING].value == pytest.approx((11 * 100 + 9 * 300) / 20)
+    assert rows["staleness", STREAMING].counts["without_output"] == 4
 
 
 def test_latency_between_two_frames_counts_as_the_next_frame(tmp_path):
