@@ -4,7 +4,7 @@ import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fbench.api.scores import IN_LOCKSTEP, open_folder, score_folder
 from fbench.replay.conditions.effects import Effects
+from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
 from fbench.replay.contracts.protocols import KeepsStderr, Pipeline, Reader
@@ -23,6 +24,7 @@ from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
 from fbench.replay.engine.read_ahead import open_ahead
+from fbench.replay.engine.service_queue import MEASURED
 from fbench.replay.engine.shared import SharedLogs, SharedReader
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import VariantEntry, describe_host
@@ -195,11 +197,14 @@ def verify(
         progress: Gets the number of replays that are done, and of all.
 
     Raises:
-        ConfigError, LogError: where the log can't be replayed at all.
+        ConfigError: where an option isn't as expected, or latency is measured, which no two replays have in common.
+        LogError: where the log can't be replayed at all.
     """
     from fbench.replay.check.verify import verify_in, workplace
 
     request.resolve()  # so that a wrong option is found before any process starts
+    if request.latency == MEASURED:
+        raise ConfigError("--latency measured: differs from replay to replay; give a time, such as fixed:80ms")
     with workplace(keep) as folder:
         return verify_in(request, num_repeats, quick, folder, _VERIFY_WORKER, progress)
 
@@ -216,7 +221,7 @@ def replay(
 
     Args:
         request: The log, the pipeline and all options.
-        progress: Gets the number of frames that are done.
+        progress: Gets the number of frames that are done, those of a replay in lockstep included.
         failed: Gets every exception that counts as a failed frame.
         shared: Messages that earlier replays of the same log under the same condition read.
         lockstep: Folder of the same replay without latency, which is copied; `None`: it is replayed where it is needed.
@@ -247,11 +252,14 @@ def replay(
         if lockstep is not None:
             copytree(lockstep, folder / IN_LOCKSTEP)
         elif request.latency is not None:  # so that both can be compared
+            opened.close()  # a second pipeline beside the first may not fit, and would share its processors
             same = replace(request, latency=None, overload=None, rate="max", no_media=True, report=False)
-            replay(replace(same, out=folder / IN_LOCKSTEP), shared=shared)
+            num_before = Run(folder).manifest.num_frames
+            replay(replace(same, out=folder / IN_LOCKSTEP), lambda num: progress(num_before + num), shared=shared)
         score_folder(folder, request.scoring)
 
-    with open_requested(request, options.settings) as (pipeline, parameters), explain_losses(faults):
+    with ExitStack() as opened, explain_losses(faults):
+        pipeline, parameters = opened.enter_context(open_requested(request, options.settings))
         plan = replace(
             make_plan(options, pipeline, name, parameters),
             variant=entry,

@@ -3,6 +3,8 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -250,8 +252,16 @@ def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
     complete = all(run.manifest.complete for run in runs)
     metrics = _make_metrics()
     measured = [measure_run(run, request.options, metrics=metrics) for run in runs]
-    rows = combine_runs(measured, request.resampling.bootstrap())
-    return ScoreResult(rows, f"{len(runs)} runs together", warnings=tuple(describe_gaps(measured)), complete=complete)
+    rows, warnings = combine_runs(measured, request.resampling.bootstrap()), describe_gaps(measured)
+    latencies = list(dict.fromkeys(str(run.manifest.latency or "none") for run in runs))
+    if len(latencies) > 1:
+        warnings.append(f"runs differ in latency ({'; '.join(latencies)}), so they have no streaming scores together")
+    elif runs[0].manifest.latency is not None:
+        from fbench.metrics.runs.streaming import measure_streaming
+
+        tables = (measure_streaming(run, Run(run.folder / IN_LOCKSTEP), request.options) for run in runs)
+        rows += reduce(add, tables).rows()
+    return ScoreResult(rows, f"{len(runs)} runs together", warnings=tuple(warnings), complete=complete)
 
 
 def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:

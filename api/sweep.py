@@ -6,17 +6,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
+from shutil import copytree
 
-from fbench.api.runs import replay
-from fbench.api.scores import IN_LOCKSTEP
+from fbench.api.runs import name_pipeline, replay
+from fbench.api.scores import IN_LOCKSTEP, score_folder
+from fbench.api.suites.runner import share_memory
 from fbench.metrics.latency import warm_up_frames
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.files import replace_text
-from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING
+from fbench.replay.data.files import Draft, replace_text
+from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, ScoreOptions
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.service_queue import LatencyModel, OverloadPolicy, ServiceQueue
-from fbench.replay.runs.folder import Run
+from fbench.replay.engine.shared import SharedLogs
+from fbench.replay.runs.folder import FRAMES, Run, write_frames
+from fbench.replay.runs.manifest import save_manifest
 from fbench.replay.setup.request import ReplayRequest
+from fbench.reports.html.sweep import Chart, Curve, write_sweep_page
 
 MISSES_PERCENT = 1
 """A rate is sustained while less than so many percent of the frames miss their deadline."""
@@ -72,45 +77,103 @@ class RateSweep:
     """A finished sweep."""
 
     folder: Path
+    log: str
+    pipeline: str
+    latency: str
+    overload: str
+    budget_ms: float
     rows: Sequence[SweepRow]
     sustainable_rate: float | None
     """The largest rate at which less than 1 % of the frames miss their deadline, to 3 digits; `None`: no rate is."""
 
 
+RESULT, PAGE = "sweep.json", "report.html"
+"""Files of a sweep, beside the run folders."""
+
+
 def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda done, total: None) -> RateSweep:
-    """Replay the log at each rate, and once in lockstep, and write `sweep.json`. `progress` gets how many rates are
-    done, of how many. Raises as `replay` does.
+    """Replay the log at each rate, and once in lockstep, and write a folder with the runs, `sweep.json` and a page with
+    plots, which gets its name when it is whole. `progress` gets how many rates are done, of how many. Raises as
+    `replay` does.
     """
-    options = request.replay.resolve()
     folder = request.replay.out or Path("runs/sweep")
     if folder.exists() and not request.replay.overwrite:
         raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
-    rows, runs = list[SweepRow](), list[Run]()
-    rates = list(dict.fromkeys(request.rates))
-    for num, rate in enumerate(rates):
-        progress(num, len(rates))
-        one = replace(request.replay, rate=rate, out=folder / f"rate-{rate}")
-        runs.append(replay(one, lockstep=runs[0].folder / IN_LOCKSTEP if runs else None).run)
-        rows.append(_row(runs[-1], request.budget_ms))
-    model = options.latency or LatencyModel()
-    ready_ns = [frame.ready_ns or 0 for frame in runs[0].frames]
-    fixed_ns, lockstep = model.fixed_ns, runs[0].folder / IN_LOCKSTEP
-    service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
-    largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(request.budget_ms * 1e6))
-    found = RateSweep(folder, rows, largest)
-    replace_text(folder / "sweep.json", json.dumps(sweep_content(found), indent=1, allow_nan=False) + "\n")
+    if folder.exists() and not (folder / RESULT).is_file():
+        raise ConfigError(f"{folder}: exists and isn't a sweep, so --overwrite doesn't touch it")
+    model = request.replay.resolve().latency or LatencyModel()
+    with Draft(folder, is_folder=True) as draft, SharedLogs(share_memory(1)) as shared:
+        runs, rates = list[Run](), list(dict.fromkeys(request.rates))
+        for num, rate in enumerate(rates):
+            progress(num, len(rates))
+            one = replace(request.replay, rate=rate, out=draft.path / f"rate-{rate}", overwrite=False)
+            paced = replace(model, rate=Fraction(repr(float(rate))))
+            run = _repeat_run(runs, paced, draft.path / f"rate-{rate}", one.scoring) if runs else None
+            lockstep = runs[0].folder / IN_LOCKSTEP if runs else None
+            runs.append(run or replay(one, shared=shared, lockstep=lockstep).run)
+        rows = [_row(run, float(rate), request.budget_ms) for run, rate in zip(runs, rates, strict=True)]
+        ready_ns, lockstep = _ready_ns(runs[0]), runs[0].folder / IN_LOCKSTEP
+        fixed_ns = model.fixed_ns
+        service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
+        largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(request.budget_ms * 1e6))
+        names = runs[0].manifest.log.name, name_pipeline(request.replay), request.replay.latency or ""
+        found = RateSweep(folder, *names, str(model.policy), request.budget_ms, rows, largest)
+        replace_text(draft.path / RESULT, json.dumps(sweep_content(found), indent=1, allow_nan=False) + "\n")
+        _draw(found, draft.path / PAGE)
+        draft.publish()
     return found
+
+
+def _repeat_run(runs: Sequence[Run], model: LatencyModel, folder: Path, scoring: ScoreOptions) -> Run | None:
+    """Write the run of another rate at which the pipeline gets the same frames, so that it gives the same, with other
+    times; `None`: there is no such run, or times are measured, so that nobody knows beforehand.
+    """
+    if model.fixed_ns is None:
+        return None
+    queue = ServiceQueue[int, None](model.policy, lambda frame: (None, model.service_ns(0)))
+    served = [service for _, service in queue.run(enumerate(_ready_ns(runs[0])))]
+    same = (r for r in runs if [f.is_dropped for f in r.frames] == [service is None for service in served])
+    if (run := next(same, None)) is None or (latency := run.manifest.latency) is None:
+        return None
+    copytree(run.folder, folder)
+    times = [(None, None) if service is None else (service.start_ns, service.done_ns) for service in served]
+    frames = [replace(f, start_ns=a, done_ns=b) for f, (a, b) in zip(run.frames, times, strict=True)]
+    write_frames(folder / FRAMES, frames, run.poses)
+    entry = latency.model_copy(update={"rate": float(model.rate)})
+    save_manifest(folder / "manifest.json", run.manifest.model_copy(update={"latency": entry}))
+    return score_folder(folder, scoring)
+
+
+def _ready_ns(run: Run) -> list[int]:
+    return [frame.ready_ns or 0 for frame in run.frames]
 
 
 def sweep_content(found: RateSweep) -> dict[str, object]:
     """Return a sweep as it stands in `sweep.json`."""
-    return {"sustainable_rate": found.sustainable_rate, "rates": [dict(vars(row)) for row in found.rows]}
+    names = ("log", "pipeline", "latency", "overload", "budget_ms", "sustainable_rate")
+    return {**{name: getattr(found, name) for name in names}, "rates": [dict(vars(row)) for row in found.rows]}
 
 
-def _row(run: Run, budget_ms: float) -> SweepRow:
-    latency, native = run.manifest.latency, run.scores[0].matching
-    rate = Fraction(1) if latency is None else Fraction(repr(latency.rate))
-    late_ns = int(round(budget_ms * 1e6) * rate)
+def _draw(found: RateSweep, out: Path) -> None:
+    """Write the page with accuracy, age and drops against the rate."""
+    rows, parts = found.rows, (FORECAST, STREAMING, LOCKSTEP)
+    charts = [
+        Chart(metric.upper(), [Curve(part, [row.scores[part].get(metric) for row in rows]) for part in parts])
+        for metric in _METRICS
+    ]
+    charts.append(Chart("Age of outputs, ms", [Curve("mean", [row.staleness_ms for row in rows])]))
+    shares = {"missed": [row.missed for row in rows], "dropped": [row.dropped for row in rows]}
+    of = [row.frames for row in rows]
+    lines = [Curve(name, [100 * a / b for a, b in zip(num, of, strict=True)]) for name, num in shares.items()]
+    charts.append(Chart("Frames, %", lines, MISSES_PERCENT))
+    kept = "at no rate" if found.sustainable_rate is None else f"up to {found.sustainable_rate:g}×"
+    facts = [("Pipeline", found.pipeline), ("Latency", found.latency), ("Overload", found.overload),
+             ("Deadline", f"{found.budget_ms:g} ms"), ("Frames", str(max(of))), ("Sustained", kept)]  # fmt: skip
+    write_sweep_page(out, found.log, facts, [row.rate for row in rows], found.sustainable_rate, charts)
+
+
+def _row(run: Run, rate: float, budget_ms: float) -> SweepRow:
+    native, late_ns = run.scores[0].matching, int(round(budget_ms * 1e6) * Fraction(repr(rate)))
     times = [(frame.ready_ns, frame.done_ns) for frame in run.frames]
     missed = sum(done is None or (ready is not None and done - ready > late_ns) for ready, done in times)
     scores: dict[str, dict[str, float | None]] = {name: {} for name in (LOCKSTEP, STREAMING, FORECAST)}
@@ -118,7 +181,7 @@ def _row(run: Run, budget_ms: float) -> SweepRow:
         if score.slice in scores and score.matching == native and score.metric in _METRICS:
             scores[score.slice][score.metric] = score.value
     age = next(score.value for score in run.scores if score.metric == "staleness")
-    return SweepRow(float(rate), len(times), sum(done is None for _, done in times), missed, age, scores)
+    return SweepRow(rate, len(times), sum(done is None for _, done in times), missed, age, scores)
 
 
 def _read_times_ns(run: Run) -> list[int]:

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fbench.api.runs import make_plan, open_requested
-from fbench.api.scores import score_folder
+from fbench.api.scores import IN_LOCKSTEP, score_folder
 from fbench.api.suites.cells import own_stdout
 from fbench.replay.check.difference import TASK, WATCH, VerifyTask, WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
@@ -56,10 +56,15 @@ def run(task: VerifyTask) -> None:
         reader = WatchedReader(ahead)
         watched = WatchedPipeline(pipeline, reader)
         clock = make_clock(request.rate, options.sync.max_gap_ns)
-        plan = replace(make_plan(options, watched, "verified", parameters), clock=clock, num_media=0)
+        plan = replace(
+            make_plan(options, watched, "verified", parameters), clock=clock, latency=options.latency, num_media=0
+        )
 
         def complete(folder: Path) -> None:
             (folder / WATCH).write_text(json.dumps(watched.rows), encoding="utf-8")
+            if request.latency is not None:
+                lockstep = replace(request, latency=None, overload=None)
+                run(replace(task, request=lockstep, folder=folder / IN_LOCKSTEP))
             score_folder(folder, ScoreOptions())
 
         replay(reader, plan, task.folder, faults, complete=complete)

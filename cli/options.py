@@ -193,6 +193,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "verify": (
         "fbench verify log.mcap -p lidar3d",
         "fbench verify log.mcap -p my_pipeline.py:MyPipeline --quick --repeat 3 --frames :50",
+        "fbench verify log.mcap -p late3d --latency fixed:80ms --quick",
     ),
     "plugins": (
         "fbench plugins",

@@ -80,4 +80,4 @@ def _print(found: "RateSweep", budget_ms: float) -> None:
     kept = "at no rate" if largest is None else f"up to {largest:g}x"
     say("", *([f"in lockstep: {lockstep}"] if lockstep else []))
     say(f"sustained {kept}: less than 1 % of the frames are dropped, or done later than {budget_ms:g} ms after ready")
-    say(f"sweep: {found.folder}")
+    say(f"sweep: {found.folder}", f"plots: {found.folder / 'report.html'}")

@@ -78,10 +78,15 @@ RUN_SEAL = "cell.json"  # In a run folder; holds what the run was made from, too
 
 def seal_run(folder: Path, key: str, content: Mapping[str, object]) -> None:
     """Note that a run folder is whole, and what it was made from."""
-    files = {file.name: digest_of(file) for file in sorted(folder.iterdir()) if file.is_file()}
-    files.pop(RUN_SEAL, None)
+    files = {name: digest_of(folder / name) for name in list_files(folder)}
     text = json.dumps({"key": key, "made_from": content, "files": files}, indent=1, sort_keys=True)
     replace_text(folder / RUN_SEAL, text + "\n")
+
+
+def list_files(folder: Path) -> list[str]:
+    """Return the files of a run that its seal is about, by their paths inside it; one with latency has a folder."""
+    found = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
+    return [name for name in found if name != RUN_SEAL]
 
 
 def is_sealed_run(folder: Path, key: str) -> bool:

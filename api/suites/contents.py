@@ -16,6 +16,7 @@ from fbench.replay.contracts.protocols import KeepsStderr
 from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.contracts.variants import SUFFIX, sensors_of
 from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.engine.service_queue import MEASURED
 from fbench.replay.formats.text import digest_of
 from fbench.replay.runs.manifest import describe_host, package_versions
 from fbench.replay.setup.request import ReplayRequest
@@ -28,6 +29,7 @@ _OPTIONS_OF_RUN = (
     "interpolate_truth_ms", "on_fault", "fault_budget", "redact", "seed",
 )  # fmt: skip
 """Fields of a request that decide what its run holds, beside those that are digested."""
+_OPTIONS_OF_LATENCY = ("latency", "overload", "rate")
 _PACKAGES = ("fbench.replay", "fbench.pipelines", "fbench.metrics", "fbench.api", "fbench.cli")
 """Those that decide what is in a run folder; weights inside them count, too."""
 _OPTIONS = TypeAdapter(ScoreOptions)
@@ -46,18 +48,21 @@ class Contents:
 
     def of(self, cell: ReplayRequest) -> Content | None:
         """Return all that decides a cell's run, JSON-ready; `None` where nobody can tell: a pipeline that is a program
-        may give something else each time, and a plug-in that is isolated isn't imported here. Raises FbenchError where
-        log, pipeline or parameters can't be used.
+        may give something else each time, as measured latency does, and a plug-in that is isolated isn't imported
+        here. Raises FbenchError where log, pipeline or parameters can't be used.
         """
+        if cell.latency == MEASURED:
+            return None
         pipeline = self._part(self._pipeline, cell, (cell.pipeline, cell.settings, cell.sensors, cell.isolate))
         if pipeline is None:
             return None
+        options = _OPTIONS_OF_RUN if cell.latency is None else (*_OPTIONS_OF_RUN, *_OPTIONS_OF_LATENCY)
         return {
             "format": FORMAT,
             **(self._part(self._log, cell, cell.log) or {}),
             **pipeline,
             **(self._part(self._conditions, cell, cell.condition) or {}),
-            "options": {name: getattr(cell, name) for name in _OPTIONS_OF_RUN},
+            "options": {name: getattr(cell, name) for name in options},
             "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
             "media": not cell.no_media,
             **self._around,

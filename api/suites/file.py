@@ -61,6 +61,8 @@ class ReplayTable(_Strict):
     to: Text | None = None
     frames: Text | None = None
     interpolate_truth_ms: Number = 0.0
+    latency: Text | None = None
+    overload: Text | None = None
     on_fault: Literal["strict", "tolerant"] = "strict"
     fault_budget: list[Text] = []
     topics: list[Text] = []

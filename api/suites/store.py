@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fbench.api.suites.cells import RUN_SEAL, is_sealed_run
+from fbench.api.suites.cells import RUN_SEAL, is_sealed_run, list_files
 from fbench.replay.contracts.errors import ConfigError, LogError, MissingPackageError, OutputError
 from fbench.replay.data.files import Draft, fbench_cache, file_name
 from fbench.replay.runs.secrets import without_secrets
@@ -98,10 +98,11 @@ class ResultStore:
             try:
                 seal = json.loads(self._place.cat_file(self._path(key, RUN_SEAL)))
                 names = [RUN_SEAL, *map(str, seal["files"])]
-                if any(file_name(name) != name for name in names if name != RUN_SEAL):
+                if not all(_is_inside(name) for name in names if name != RUN_SEAL):
                     return False
                 with Draft(folder, is_folder=True) as draft:
                     for name in names:
+                        (draft.path / name).parent.mkdir(exist_ok=True)
                         (draft.path / name).write_bytes(self._place.cat_file(self._path(key, name)))
                     if not is_sealed_run(draft.path, key):
                         return False
@@ -118,10 +119,9 @@ class ResultStore:
         def put() -> None:
             if self._place.exists(self._path(key, RUN_SEAL)):
                 return
-            self._place.makedirs(self._path(key), exist_ok=True)
-            files = sorted(file for file in folder.iterdir() if file.is_file() and file.name != RUN_SEAL)
-            for file in files:
-                self._place.pipe_file(self._path(key, file.name), file.read_bytes())
+            for name in list_files(folder):
+                self._place.makedirs(posixpath.dirname(self._path(key, name)), exist_ok=True)
+                self._place.pipe_file(self._path(key, name), (folder / name).read_bytes())
             # Where a store renames, nobody sees half of a seal, either.
             self._place.pipe_file(self._path(key, f"{RUN_SEAL}.partial"), (folder / RUN_SEAL).read_bytes())
             self._place.mv(self._path(key, f"{RUN_SEAL}.partial"), self._path(key, RUN_SEAL))
@@ -133,6 +133,12 @@ class ResultStore:
 
     def _error(self, error: Exception) -> OutputError:
         return OutputError(f"store {without_secrets(self.url)} fails ({error})")
+
+
+def _is_inside(name: str) -> bool:
+    """Tell whether a file that a seal names is one of a run, or of a folder in it."""
+    parts = name.split("/")
+    return len(parts) <= 2 and all(file_name(part) == part and part.strip(".") for part in parts)
 
 
 def put_log(path: Path, url: str) -> None:

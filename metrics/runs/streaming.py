@@ -6,21 +6,23 @@ whose output was done when the frame was ready for the pipeline; nothing where t
 frame is paired with its own output, as in lockstep, and how long messages travel is no latency of the pipeline.
 """
 
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from fbench.metrics.core.slices import VEHICLE
+from fbench.metrics.core.slices import VEHICLE, ScoreCounts
 from fbench.metrics.detection.scores import DetectionCounts, detection_counts
 from fbench.metrics.runs import detection, tracking
+from fbench.metrics.runs.combine import RunTable, measure_run
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import measure_classes, views
+from fbench.metrics.tracking.scores import TrackingCounts
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, Score, ScoreOptions
+from fbench.replay.engine.service_queue import pair_outputs
 from fbench.replay.geometry.iou import distance_bev, iou_2d, move_boxes
 from fbench.replay.geometry.transforms import chain, inverse, pose_matrices
 from fbench.replay.runs.folder import FrameRecord, Run
@@ -30,6 +32,8 @@ METRICS = ("f1", "precision", "recall", "ap", "mota", "idf1", "hota")
 _NUM_PAST, _LONGEST_PAST_S = 5, 0.5
 """Outputs, the last one included, and time over which the motion of a box in an image is fitted: two of them alone are
 too rough, since sides of boxes jitter by pixels."""
+_NEAR_M, _NEAR_IOU = 2.0, 0.5  # A detection and a track that are so near are of one object
+_SLOWEST_MPS = 1e-3  # Of what is slower nobody knows a direction
 _NO_OUTPUT = "no output was ready at any instant"
 
 
@@ -41,13 +45,50 @@ def score_streaming(run: Run, options: ScoreOptions, lockstep: Sequence[Score]) 
     source = pair_outputs(run.frames)
     rows = [replace(row, slice=LOCKSTEP) for row in _select(lockstep)]
     for name in (STREAMING, FORECAST):
-        streamed = StreamedRun(run.folder, run, source, name == FORECAST)
-        detected, tracked = (views(streamed, table, options) for table in (streamed.detections, streamed.tracks))
-        found = measure_classes(detected, streamed.detections, detection_counts, DetectionCounts())
+        found, tracked = _measure(run, source, options, name == FORECAST)
         own = [row for entry in found for row in detection.rows_of(entry)]
-        own += [row for entry in tracking.measure_tracks(streamed, tracked) for row in tracking.rows_of(entry)]
+        own += [row for entry in tracked for row in tracking.rows_of(entry)]
         rows += [replace(row, slice=name) for row in _select(own)]
-    return [*rows, _staleness(run.frames, source)]
+    return [*rows, _staleness(_count_ages(run.frames, source))]
+
+
+@dataclass(frozen=True)
+class StreamingTable:
+    """What must be known of a run with latency to score it with others."""
+
+    parts: Mapping[str, RunTable]
+    """By slice: `lockstep`, `streaming`, `streaming, forecast`."""
+    ages: Mapping[str, int]
+
+    def __add__(self, other: "StreamingTable") -> "StreamingTable":
+        ages = {name: num + other.ages[name] for name, num in self.ages.items()}
+        return StreamingTable({name: part + other.parts[name] for name, part in self.parts.items()}, ages)
+
+    def rows(self) -> list[Score]:
+        """Return the rows that `score_streaming` gives of one run."""
+        rows = [replace(row, slice=name) for name, part in self.parts.items() for row in _select(part.rows())]
+        return [*rows, _staleness(self.ages)]
+
+
+def measure_streaming(run: Run, lockstep: Run, options: ScoreOptions) -> StreamingTable:
+    """Measure a run with latency, and the same replay without. Raises MetricError where an id occurs twice in one
+    frame.
+    """
+    source, whole = pair_outputs(run.frames), measure_run(lockstep, options).table
+    parts = {LOCKSTEP: whole}
+    for name in (STREAMING, FORECAST):
+        found, tracked = _measure(run, source, options, name == FORECAST)
+        parts[name] = replace(whole, detection=found, tracking=tracked)
+    return StreamingTable(parts, _count_ages(run.frames, source))
+
+
+def _measure(
+    run: Run, source: Int64, options: ScoreOptions, has_forecast: bool
+) -> tuple[tuple[ScoreCounts[DetectionCounts], ...], tuple[ScoreCounts[TrackingCounts], ...]]:
+    streamed = StreamedRun(run.folder, run, source, has_forecast)
+    detected, tracked = (views(streamed, table, options) for table in (streamed.detections, streamed.tracks))
+    found = measure_classes(detected, streamed.detections, detection_counts, DetectionCounts())
+    return found, tracking.measure_tracks(streamed, tracked)
 
 
 def _select(rows: Sequence[Score]) -> list[Score]:
@@ -55,30 +96,17 @@ def _select(rows: Sequence[Score]) -> list[Score]:
     return [replace(row, low=None, high=None, interval=None) for row in wanted if row.metric in METRICS]
 
 
-def _staleness(frames: Sequence[FrameRecord], source: Int64) -> Score:
+def _count_ages(frames: Sequence[FrameRecord], source: Int64) -> dict[str, int]:
     stamps = np.array([frame.stamp_ns for frame in frames], np.int64)
     kept = source >= 0
     age_ns, num = int((stamps[kept] - stamps[source[kept]]).sum()), int(kept.sum())
-    counts = {"age_ns": age_ns, "frames": num, "without_output": len(frames) - num}
-    value = age_ns / num / 1e6 if num else None
-    return Score("staleness", "all", STREAMING, "", value, None if num else _NO_OUTPUT, "ms", counts)
+    return {"age_ns": age_ns, "frames": num, "without_output": len(frames) - num}
 
 
-def pair_outputs(frames: Sequence[FrameRecord]) -> Int64:
-    """Return the row (F,) of the frame whose output counts at the instant of each frame; -1: there is none. A frame
-    that failed has an output in which nothing is found; one that was dropped has none.
-    """
-    source = np.full(len(frames), -1, np.int64)
-    latest, segment, pending = -1, -1, deque[tuple[int, int]]()
-    for row, frame in enumerate(frames):
-        if frame.segment != segment:
-            latest, segment, pending = -1, frame.segment, deque()
-        if frame.done_ns is not None:
-            pending.append((frame.done_ns, row))
-        while pending and frame.ready_ns is not None and pending[0][0] <= frame.ready_ns:
-            latest = pending.popleft()[1]
-        source[row] = latest
-    return source
+def _staleness(ages: Mapping[str, int]) -> Score:
+    num = ages["frames"]
+    value, reason = (ages["age_ns"] / num / 1e6, None) if num else (None, _NO_OUTPUT)
+    return Score("staleness", "all", STREAMING, "", value, reason, "ms", dict(ages))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +114,11 @@ class StreamedRun(SharedRun):
     """A run whose frames have the outputs that were the latest at their instants.
 
     As they are, outputs keep their coordinates: those of the body, or of the images, at the instant that they are
-    about. A forecast moves them to the frame's instant. Boxes in space go on with their velocity in a straight line
-    and are seen from where the body is then, as far as the log has poses. Boxes in images go on as their track moved
-    in its last outputs. A detection that tells no velocity moves with the nearest track of its output, within 2 m
-    or from an IoU of 0.5 on; what nobody knows the velocity of stands still.
+    about. A forecast moves them to the frame's instant. Boxes in space go on in a straight line and are seen from where
+    the body is then, as far as the log has poses. Their velocity is that of the track, with the speed that the
+    detection measured along its own velocity: a filter learns late from places what radar sees at once. Boxes in
+    images go on as their track moved in its last outputs. A detection and the nearest track of its output, within 2 m
+    or from an IoU of 0.5 on, are of one object; what nobody knows the velocity of stands still.
     """
 
     base: Run
@@ -106,12 +135,19 @@ class StreamedRun(SharedRun):
     def detections(self) -> BoxTable:
         """Detections as they were known at each frame's instant."""
         table, tracks = self.base.detections, self.base.tracks
-        return self._place(table, _lend_rates(table, self._rates(table), tracks, self._rates(tracks)))
+        lent, own = _take_nearest(self._rates(tracks), table, tracks), self._rates(table)
+        if isinstance(table.boxes, Boxes3D):
+            return self._place(table, _correct_rates(lent, own))
+        return self._place(table, np.where(np.isfinite(own), own, lent))
 
     @cached_property
     def tracks(self) -> BoxTable:
         """Tracks as they were known at each frame's instant."""
-        return self._place(self.base.tracks, self._rates(self.base.tracks))
+        table, detections = self.base.tracks, self.base.detections
+        rates = self._rates(table)
+        if isinstance(table.boxes, Boxes3D) and isinstance(detections.boxes, Boxes3D):
+            rates = _correct_rates(rates, _take_nearest(self._rates(detections), table, detections))
+        return self._place(table, rates)
 
     def _place(self, table: BoxTable, rates: Float64) -> BoxTable:
         """Give each frame the boxes of the output that counts. `rates` (N, 3 or 4) as `_rates` returns."""
@@ -174,22 +210,35 @@ class StreamedRun(SharedRun):
         return rates
 
 
-def _lend_rates(table: BoxTable, rates: Float64, tracks: BoxTable, track_rates: Float64) -> Float64:
-    """Return the rates of detections (N, 3 or 4), those that aren't known from the nearest track of the same frame."""
-    rates = rates.copy()
-    for frame in np.unique(table.frames[~np.isfinite(rates).all(axis=1)]):
-        (a, b), (c, d) = (np.searchsorted(side.frames, [frame, frame + 1]) for side in (table, tracks))
+def _take_nearest(rates: Float64, table: BoxTable, others: BoxTable) -> Float64:
+    """Return of `rates` (M, 3 or 4) of the other boxes that of the nearest in the same frame, within `_NEAR_M` or from
+    an IoU of `_NEAR_IOU` on, for each box (N, 3 or 4); NaN: there is none.
+    """
+    taken = np.full((len(table.boxes), rates.shape[1]), np.nan)
+    for frame in np.unique(table.frames):
+        (a, b), (c, d) = (np.searchsorted(side.frames, [frame, frame + 1]) for side in (table, others))
         if c == d:
             continue
-        found, known, lent = table.boxes[a:b], tracks.boxes[c:d], track_rates[c:d]
+        found, known = table.boxes[a:b], others.boxes[c:d]
         if isinstance(found, Boxes2D) and isinstance(known, Boxes2D):
-            similarity = np.where(found.camera[:, None] == known.camera, iou_2d(found.xyxy_px, known.xyxy_px), 0) - 0.5
+            is_same = found.camera[:, None] == known.camera
+            similarity = np.where(is_same, iou_2d(found.xyxy_px, known.xyxy_px), 0) - _NEAR_IOU
         elif isinstance(found, Boxes3D) and isinstance(known, Boxes3D):
-            similarity = 2.0 - distance_bev(found.center_m, known.center_m)
+            similarity = _NEAR_M - distance_bev(found.center_m, known.center_m)
         else:
             continue
         best = np.nan_to_num(similarity, nan=-1.0).argmax(axis=1)
         near = similarity[np.arange(b - a), best] >= 0
-        unknown = near & ~np.isfinite(rates[a:b]).all(axis=1)
-        rates[a:b][unknown] = lent[best[unknown]]
-    return rates
+        taken[a:b][near] = rates[c:d][best[near]]
+    return taken
+
+
+def _correct_rates(rates: Float64, measured: Float64) -> Float64:
+    """Give velocities (N, 3) the speed that was measured along the direction in which it was measured: radar knows the
+    part along the line of sight well, and nothing of the rest. Where only one of the two is known, it counts.
+    """
+    speed = np.linalg.norm(measured, axis=1, keepdims=True)
+    direction = measured / np.maximum(speed, _SLOWEST_MPS)
+    corrected = rates + direction * (speed - (direction * rates).sum(axis=1, keepdims=True))
+    both = np.isfinite(corrected) & (speed >= _SLOWEST_MPS)
+    return np.where(both, corrected, np.where(np.isfinite(rates), rates, measured))

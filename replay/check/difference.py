@@ -202,7 +202,8 @@ def _compare_frames(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecor
 
 
 def _facts(record: FrameRecord) -> dict[str, Any]:
-    return {name: getattr(record, name) for name in ("index", "segment", "missing", "truth_stamp_ns")}
+    times = () if record.ready_ns is None else ("ready_ns", "start_ns", "done_ns")
+    return {name: getattr(record, name) for name in ("index", "segment", "missing", "truth_stamp_ns", *times)}
 
 
 def boxes_difference(a: Boxes, b: Boxes) -> str | None:

@@ -111,6 +111,8 @@ def verify_in(
         # How long the run is in log time, without pauses between segments.
         steps_ns = (b.stamp_ns - a.stamp_ns for a, b in pairwise(base.run.frames) if a.segment == b.segment)
         others = variants(num_repeats, sum(steps_ns) / 1e9, quick)
+        if request.latency is not None:  # then the rate decides what is dropped
+            others = tuple(variant for variant in others if variant.rate == BASE.rate)
         progress(1, len(others) + 1)
         futures = {variant.name: pool.submit(children.compare, variant, base) for variant in others}
         for num, _ in enumerate(as_completed(futures.values()), 2):

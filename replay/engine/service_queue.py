@@ -7,16 +7,21 @@ schedules on any host.
 
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic, Literal, TypeAlias, TypeVar
 
+import numpy as np
+
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Int64
+from fbench.replay.runs.folder import FrameRecord
 
 T = TypeVar("T")
 R = TypeVar("R")
 Overload: TypeAlias = Literal["newest", "fifo", "skip"]
+MEASURED = "measured"
 MAX_DEPTH = 100_000
 MOST_NS = 86_400 * 10**9
 """A frame takes at most a day of log time, so that instants are whole 64-bit numbers."""
@@ -66,7 +71,7 @@ def make_latency(latency: str | None, overload: str | None, rate: float | None) 
             raise ConfigError(f"--overload {overload}: is about --latency, which is missing")
         return None
     found = _FIXED.fullmatch(latency)
-    if found is None and latency != "measured":
+    if found is None and latency != MEASURED:
         raise ConfigError(f"--latency {latency}: expected 'measured', or a time such as 'fixed:80ms'")
     fixed_ns = None if found is None else round(Fraction(found[1]) * _UNITS_NS[found[2]])
     policy = OverloadPolicy() if overload is None else _make_policy(overload)
@@ -142,3 +147,20 @@ class ServiceQueue(Generic[T, R]):
         if self._policy.kind == "fifo" and start_ns > ready_ns:
             self._starts_ns.append(start_ns)
         return frame, Service(start_ns, self._free_ns, result)
+
+
+def pair_outputs(frames: Sequence[FrameRecord]) -> Int64:
+    """Return the row (F,) of the frame whose output counts at the instant of each frame; -1: there is none. A frame
+    that failed has an output in which nothing is found; one that was dropped has none.
+    """
+    source = np.full(len(frames), -1, np.int64)
+    latest, segment, pending = -1, -1, deque[tuple[int, int]]()
+    for row, frame in enumerate(frames):
+        if frame.segment != segment:
+            latest, segment, pending = -1, frame.segment, deque()
+        if frame.done_ns is not None:
+            pending.append((frame.done_ns, row))
+        while pending and frame.ready_ns is not None and pending[0][0] <= frame.ready_ns:
+            latest = pending.popleft()[1]
+        source[row] = latest
+    return source

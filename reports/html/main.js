@@ -63,7 +63,7 @@ function showFrame(at) {
   const i = now.index;
   const missing = line.missing.filter(([index]) => index === i).map(([, sensor, why]) => `${short(sensor, 30)} missing (${short(why, 40)})`);
   const failed = line.failed.filter(([index]) => index === i).map(([, why]) => `failed: ${short(why, 80)}`);
-  const words = [`Frame ${line.first + i} of ${line.t.length}`, fixed(line.t[i], 2, " s"), `segment ${line.segment[i]}`, ...missing, ...failed];
+  const words = [`Frame ${line.first + i} of ${line.t.length}`, fixed(line.t[i], 2, " s"), `segment ${line.segment[i]}`, ...missing, ...failed, ...droppedWords(line, i)];
   $("where").textContent = (now.labelled ? words : [...words, "no truth"]).join(" · ");
   $("frame").setAttribute("aria-valuetext", words.slice(0, 2).join(", "));
   showCameras(now);

@@ -11,6 +11,7 @@ from fbench.replay.conditions.effects import describe
 from fbench.replay.contracts.faults import FAULTS, UNVERIFIED
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.scores import format_count
+from fbench.replay.engine.service_queue import pair_outputs
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import Manifest
 from fbench.replay.runs.shares import Predictions, predictions_of
@@ -51,14 +52,15 @@ def latency_panels(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str,
 
 def timeline(run: Run) -> dict[str, Any]:
     """Return counts, segments, missing sensors and failures of all frames; `truth` counts the boxes that count, 3D ones
-    where there are, `None` where the frame isn't labelled.
+    where there are, `None` where the frame isn't labelled. Of frames that were `dropped` there are no counts, but the
+    row of the latest output that was ready then, `None` where there was none.
     """
-    frames, rows = run.frames, row_numbers(run)
+    frames, rows, current = run.frames, row_numbers(run), current_rows(run)
     start_ns = frames[0].stamp_ns if frames else 0
 
-    def count(table: BoxTable) -> list[int]:
+    def count(table: BoxTable) -> list[int | None]:
         counts = np.bincount(table.frames, minlength=max(rows, default=-1) + 1)
-        return [int(counts[index]) for index in rows]
+        return [None if frame.is_dropped else int(counts[frame.index]) for frame in frames]
 
     def num_truth(index: int) -> int | None:
         boxes: Boxes3D | Boxes2D | None = run.truth3d(index)
@@ -76,7 +78,19 @@ def timeline(run: Run) -> dict[str, Any]:
         "tracks": count(run.tracks) if frames else [],
         "missing": [[rows[f.index], sensor, why] for f in frames for sensor, why in sorted(f.missing.items())],
         "failed": [[rows[f.index], f.failed] for f in frames if f.failed is not None],
+        "dropped": [[row, current[row]] for row, frame in enumerate(frames) if frame.is_dropped],
     }
+
+
+def current_rows(run: Run) -> list[int | None]:
+    """Return for each frame the row of the frame whose output is shown with it: its own; of one that was dropped, the
+    latest that was ready at its instant, `None` where there was none.
+    """
+    latest = pair_outputs(run.frames).tolist() if run.manifest.latency is not None else []
+    return [
+        row if not frame.is_dropped else latest[row] if latest[row] >= 0 else None
+        for row, frame in enumerate(run.frames)
+    ]
 
 
 def row_numbers(run: Run) -> dict[int, int]:
@@ -84,10 +98,12 @@ def row_numbers(run: Run) -> dict[int, int]:
     return {frame.index: row for row, frame in enumerate(run.frames)}
 
 
-def frame_times(run: Run) -> list[float]:
-    """Wall time of each frame [ms]; empty where it wasn't measured for every frame."""
-    total = run.timings.get("total", [])
-    return [ns / 1e6 for ns in total] if len(total) == len(run.frames) else []
+def frame_times(run: Run) -> list[float | None]:
+    """Wall time of each frame [ms], `None` where it was dropped; empty where it wasn't measured for every other."""
+    total = run.frame_times.get("total", {})
+    if any(frame.index not in total for frame in run.frames if not frame.is_dropped):
+        return []
+    return [total[frame.index] / 1e6 if frame.index in total else None for frame in run.frames]
 
 
 @dataclass(frozen=True)
@@ -98,6 +114,7 @@ class Overview:
     manifest: Manifest
     labelled: int
     failed: int
+    dropped: int | None  # `None` in lockstep
     faults: FaultTable | None  # `None` where the run has no `faults.json`
     predictions: Predictions | None  # What stands for detections though nothing was detected
 
@@ -117,7 +134,8 @@ def overview(run: Run, label: str) -> Overview:
     labelled = sum(record.truth_stamp_ns is not None for record in run.frames)
     failed = sum(record.failed is not None for record in run.frames)
     faults = read_record(run, "faults.json", FaultTable)
-    return Overview(label, run.manifest, labelled, failed, faults, predictions_of(run))
+    dropped = None if run.manifest.latency is None else run.manifest.latency.num_dropped
+    return Overview(label, run.manifest, labelled, failed, dropped, faults, predictions_of(run))
 
 
 def conditions(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, Any]]:
@@ -210,6 +228,10 @@ def _notices_of(o: Overview) -> Iterator[Notice]:
     if o.failed:
         head = f"The pipeline failed on {o.failed} of {format_count(num_frames, 'frame')}."
         yield Notice("warn", head, "Truth in these frames counts as missed.")
+    if o.dropped is not None:
+        head = f"The pipeline took time: {o.dropped} of {format_count(num_frames, 'frame')} were dropped."
+        text = f"Latency {o.manifest.latency}. Nothing is found in a dropped frame, by the slice “all” of the scores."
+        yield Notice("info", head, text)
     if not o.labelled:
         text = "The log has no ground truth, so accuracy can’t be scored; latency, faults and outputs are all there is."
         yield Notice("info", "No truth.", text)

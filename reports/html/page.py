@@ -30,7 +30,9 @@ def page(runs: Sequence[Run], results: Results | None = None) -> str:
     timing = []
     for run, panel in zip(runs, latency, strict=True):
         total, table = overview.frame_times(run), panel["table"]
-        warm_up = max(0, len(total) - table.frames) if table else 0  # Frames that the table leaves out
+        timed = [row for row, ms in enumerate(total) if ms is not None]
+        num_warm = max(0, len(timed) - table.frames) if table else 0  # Frames that the table leaves out
+        warm_up = timed[num_warm - 1] + 1 if num_warm else 0
         timing.append({"budget": table.budget_ms if table else None, "total": total, "warm_up": warm_up})
     return environment(_PACKAGE).get_template("report.html").render(
         title=overview.title(runs) if results is None else results.title,

@@ -15,7 +15,7 @@ from fbench.replay.geometry.iou import corners
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.media import MediaFrame, Points
-from fbench.reports.html.overview import row_numbers, timeline
+from fbench.reports.html.overview import current_rows, row_numbers, timeline
 
 MAX_POINTS = 4000  # Of one cloud; more can't be told apart at the size of the view
 MAX_BARE = 40  # Frames that are shown by their boxes alone
@@ -125,10 +125,10 @@ def scenes(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
     clouds: dict[str, int] = {}
     content = []
     for run, label in zip(runs, labels, strict=True):
-        rows = row_numbers(run)
+        rows, current = row_numbers(run), current_rows(run)
         shown = [(kept, rows[kept.index]) for kept in frames_to_show(run) if kept.index in rows]
         rigs = {row: run.manifest.rig_of(run.frames[row].segment) for _, row in shown}
-        frames = [{"index": row, **_frame(run, rigs[row], kept, pictures, clouds)} for kept, row in shown]
+        frames = [{"index": row, **_frame(run, rigs[row], kept, current[row], pictures, clouds)} for kept, row in shown]
         sizes = {**dict(run.manifest.images), **_sizes(run.manifest.rig)}
         cameras = {name: list(size) for name, size in sorted(sizes.items())}
         content.append({"label": label, "timeline": timeline(run), "cameras": cameras, "frames": frames})
@@ -154,7 +154,10 @@ def frames_to_show(run: Run) -> tuple[MediaFrame, ...]:
     return tuple(MediaFrame(index) for index in some[:: max(1, -(-len(some) // MAX_BARE))])
 
 
-def _frame(run: Run, rig: Rig, kept: MediaFrame, pictures: dict[str, int], clouds: dict[str, int]) -> dict[str, Any]:
+def _frame(
+    run: Run, rig: Rig, kept: MediaFrame, output: int | None, pictures: dict[str, int], clouds: dict[str, int]
+) -> dict[str, Any]:
+    """Return a kept frame with the boxes of the output in that row; `None`: of none."""
     cameras = [name for name in sorted(kept.pictures) if name in rig.cameras and name in rig.mounts]
     truth: Boxes | None = run.truth3d(kept.index)
     truth = run.truth2d(kept.index) if truth is None else truth
@@ -168,9 +171,9 @@ def _frame(run: Run, rig: Rig, kept: MediaFrame, pictures: dict[str, int], cloud
         "clouds": points,
         "labelled": truth is not None,
         "truth": box_rows(truth, rig, cameras),
-        "detections": box_rows(run.detections.at(kept.index), rig, cameras),
-        "tracks": box_rows(run.tracks.at(kept.index), rig, cameras),
-    }
+        **{name: [] if output is None else box_rows(table.at(run.frames[output].index), rig, cameras)
+           for name, table in (("detections", run.detections), ("tracks", run.tracks))},
+    }  # fmt: skip
 
 
 def _pack(points: Points) -> bytes:

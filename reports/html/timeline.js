@@ -2,6 +2,9 @@
 const PAD = 34;
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
+// Why a frame has no output of its own, where the pipeline was too busy to get it.
+const droppedWords = (line, i) => line.dropped.filter(([at]) => at === i).map(([, latest]) => (known(latest) ? `dropped: the output of frame ${line.first + latest} is the latest` : "dropped: no output is ready yet"));
+
 class Strip {
   constructor(number, onPick) {
     const run = data.runs[number];
@@ -24,7 +27,7 @@ class Strip {
   summary() {
     const { line } = this;
     const span = line.t.length ? fixed(line.t[line.t.length - 1] - line.t[0], 1, " s") : "";
-    return `${line.t.length} frames over ${span || "no time"}, ${line.missing.length} times a sensor was missing, ${line.failed.length} failed`;
+    return `${line.t.length} frames over ${span || "no time"}, ${line.missing.length} times a sensor was missing, ${line.failed.length} failed${line.dropped.length ? `, ${line.dropped.length} dropped` : ""}`;
   }
 
   index(event) {
@@ -50,10 +53,11 @@ class Strip {
   describe(i) {
     const { line } = this;
     const lines = [`frame ${i} · ${fixed(line.t[i], 2, " s")} · segment ${line.segment[i]}`];
-    lines.push(`truth ${line.truth[i] ?? "–"}, detections ${line.detections[i]}, tracks ${line.tracks[i]}`);
+    lines.push(`truth ${line.truth[i] ?? "–"}, detections ${line.detections[i] ?? "–"}, tracks ${line.tracks[i] ?? "–"}`);
     if (known(this.total[i])) lines.push(`latency ${fixed(this.total[i], 1, " ms")}${i < this.time.warm_up ? " (warm-up, not counted)" : ""}`);
     for (const [, sensor, why] of line.missing.filter(([at]) => at === i)) lines.push(`${short(sensor, 60)} missing: ${short(why, 120)}`);
     for (const [, why] of line.failed.filter(([at]) => at === i)) lines.push(`failed: ${short(why, 200)}`);
+    lines.push(...droppedWords(line, i));
     return lines.join("\n");
   }
 
@@ -61,7 +65,7 @@ class Strip {
     this.shown = shown;
     const num = this.line.t.length;
     const width = this.node.clientWidth - 26;
-    const rows = this.sensors.length + (this.line.failed.length ? 1 : 0);
+    const rows = this.sensors.length + (this.line.failed.length ? 1 : 0) + (this.line.dropped.length ? 1 : 0);
     const [top, gap] = [88, 22];
     const latencyTop = top + gap + rows * 25 + 22;
     const height = latencyTop + (this.total.length ? 60 : 0) + 20;
@@ -155,16 +159,18 @@ class Strip {
     };
     this.sensors.forEach((sensor, n) => row(n, `${short(sensor, 28)} missing`, "--warn", line.missing.filter(([, s]) => s === sensor).map(([i]) => i)));
     if (line.failed.length) row(this.sensors.length, "pipeline failed", "--bad", line.failed.map(([i]) => i));
+    if (line.dropped.length) row(this.sensors.length + (line.failed.length ? 1 : 0), "dropped: the pipeline was busy", "--quiet", line.dropped.map(([i]) => i));
   }
 
   latency(top, height) {
     const { ctx } = this;
-    const sorted = [...this.total].sort((a, b) => a - b);
+    const sorted = this.total.filter(known).sort((a, b) => a - b);
     const budget = this.time.budget;
     const most = Math.max(budget ? budget * 1.15 : 1, sorted[Math.floor((sorted.length - 1) * .99)] * 1.1);
     const y = (ms) => top + height - height * Math.min(1, ms / most);
     const [calm, slow, first] = ["--p95", "--bad", "--line"].map(css);
     this.total.forEach((ms, i) => {
+      if (!known(ms)) return;
       const over = known(budget) && ms > budget;
       ctx.fillStyle = i < this.time.warm_up ? first : over ? slow : calm;
       ctx.fillRect(this.x(i) - Math.max(1, this.step - 1) / 2, y(ms), Math.max(1, this.step - 1), top + height - y(ms));

@@ -1,13 +1,14 @@
 """Sweeps over rates: the largest rate that is sustained, and what the command prints and writes."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 from tests.cli.conftest import fbench, log  # noqa: F401
 
 from fbench.api.sweep import SweepRequest, find_sustainable_rate
-from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.engine.service_queue import OverloadPolicy
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
@@ -56,23 +57,47 @@ def test_options_that_make_no_sense(latency, rates, budget_ms, line):
 
 
 def test_the_command(fbench, log):  # noqa: F811
-    words = ("sweep", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rates", "1,4", "-o", "a")
+    words = ("sweep", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rates", "1,0.5,4", "-o", "a")
     shown = fbench(*words)
     assert shown.code == 0
     assert shown.out.split()[:5] == ["rate", "dropped", "%", "missed", "%"]
     assert "sustained up to 1." in shown.out
     content = json.loads(Path("a/sweep.json").read_text())
-    slow, fast = content["rates"]
-    assert (slow["rate"], slow["frames"], slow["dropped"], slow["missed"]) == (1, 6, 0, 0)
+    usual, slow, fast = content["rates"]
+    assert (usual["rate"], usual["frames"], usual["dropped"], usual["missed"]) == (1, 6, 0, 0)
+    assert (slow["rate"], slow["dropped"]) == (0.5, 0)
     assert fast["dropped"] > 0
-    assert slow["scores"]["lockstep"] == fast["scores"]["lockstep"]
-    manifests = [json.loads(Path("a", name, "manifest.json").read_text()) for name in ("rate-1", "rate-4")]
-    assert [one["latency"]["rate"] for one in manifests] == [1.0, 4.0]
-    assert fbench("replay", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rate", "4", "-o", "b").code == 0
-    assert Path("b/scores.json").read_bytes() == Path("a/rate-4/scores.json").read_bytes()
+    assert usual["scores"]["lockstep"] == fast["scores"]["lockstep"]
+    assert {path.name for path in Path("a").iterdir()} == {
+        "rate-1", "rate-0.5", "rate-4", "sweep.json", "report.html"
+    }  # fmt: skip
+    # At half the rate the pipeline gets the same frames, so that it isn't run again; the run is what it would be.
+    for rate in ("0.5", "4"):
+        assert fbench("replay", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rate", rate, "--no-media",
+                      "--on-fault", "tolerant", "-o", f"b{rate}").code == 0  # fmt: skip
+        for name in ("scores.json", "manifest.json", "frames.parquet", "tracks.parquet"):
+            assert Path(f"b{rate}", name).read_bytes() == Path(f"a/rate-{rate}", name).read_bytes()
     assert fbench(*words).code == 2
-    again = fbench(*words, "--overwrite", "--json").json()
-    assert again == {"folder": "a", **content}
+    again = fbench(*words[:7], "1", *words[8:], "--overwrite", "--json").json()
+    assert again == {"folder": "a", **content, "rates": [usual]}
+    assert {path.name for path in Path("a").iterdir()} == {"rate-1", "sweep.json", "report.html"}
+    assert not list(Path().glob(".*"))
+
+
+def test_a_sweep_that_fails_leaves_nothing_and_replaces_nothing(fbench, log, monkeypatch):  # noqa: F811
+    words = ("sweep", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rates", "1", "-o", "a")
+    Path("a").mkdir()
+    Path("a/mine.txt").write_text("kept")
+    assert "exists and isn't a sweep" in fbench(*words, "--overwrite").err
+    Path("a/sweep.json").write_text("{}")
+
+    def fail(*args):
+        raise RunError("no space left")
+
+    monkeypatch.setattr(sys.modules[SweepRequest.__module__], "write_sweep_page", fail)
+    assert fbench(*words, "--overwrite").code == 3
+    assert Path("a/mine.txt").read_text() == "kept"
+    assert not Path(".a.partial").exists()
 
 
 def test_a_sweep_by_times_measured_here(fbench, log):  # noqa: F811

@@ -8,6 +8,10 @@ from tests.cli.conftest import messages as make_messages
 from tests.cli.conftest import write_log
 from tests.cli.test_score_truth import rows as truth_rows
 
+from fbench.api.runs import replay
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
+
 SLOW = ("--latency", "fixed:150ms", "--overload", "skip")
 
 
@@ -75,3 +79,45 @@ def test_options_that_make_no_sense(fbench, log, options, line):
     assert refused.code == 2
     assert line in " ".join(refused.err.split())
     assert not Path("runs").exists()
+
+
+PIPELINE = """
+from pathlib import Path
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
+
+class Mine:
+    def start(self, rig, log_info): self.note("start")
+    def reset(self, reason): pass
+    def step(self, frame): return Output(Boxes3D.empty(), Boxes3D.empty(), {})
+    def close(self): self.note("close")
+    def note(self, what):
+        with open("notes.txt", "a") as file: file.write(what + "\\n")
+"""
+
+
+def test_the_first_pipeline_ends_before_the_replay_in_lockstep_which_counts_as_progress(fbench, log):
+    Path("mine.py").write_text(PIPELINE)
+    request = ReplayRequest(LogRequest(log), "mine.py:Mine", latency="fixed:150ms", out=Path("a"), no_media=True)
+    done = []
+    num = replay(request, done.append).run.manifest.num_frames
+    assert Path("notes.txt").read_text().split() == ["start", "close"] * 2
+    assert done == [*range(1, 2 * num + 1)]
+
+
+def test_several_runs_have_streaming_scores_together(fbench, log):
+    for name, extra in (("a", ["--frames", "0:3"]), ("b", ["--frames", "2:6"]), ("c", ["--overload", "fifo:2"])):
+        words = ["-p", "lidar3d", "--latency", "fixed:60ms", *extra, "-o", name, "--no-media"]
+        assert fbench("replay", log, *words).code == 0
+    assert fbench("score", "a", "b", "-o", "together.json").code == 0
+    found = {
+        name: {(r["metric"], r["slice"], r["matching"]): r for r in json.loads(Path(file).read_text())}
+        for name, file in (("a", "a/scores.json"), ("b", "b/scores.json"), ("both", "together.json"))
+    }
+    for key, row in found["both"].items():
+        if key[1] in ("lockstep", "streaming", "streaming, forecast") and key[0] in ("f1", "mota", "staleness"):
+            for count, num in row["counts"].items():
+                assert num == found["a"][key]["counts"][count] + found["b"][key]["counts"][count]
+    assert ("f1", "streaming", "bev 2 m, within 50 m, in view") in found["both"]
+    mixed = fbench("score", "a", "c")
+    assert "runs differ in latency" in " ".join((mixed.out + mixed.err).split())

@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.replay.engine.test_run import play
+from tests.replay.fakes import drive
 from tests.reports.conftest import FORWARD, RIG, Page, Plan, boxes2d, boxes3d, media
 
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.engine.service_queue import LatencyModel
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.media import MediaFrame, Points
+from fbench.reports.html.overview import frame_times, overview
 from fbench.reports.html.records import brief, island, number, round_floats, visible
-from fbench.reports.html.scene import MAX_POINTS, box_rows
+from fbench.reports.html.scene import MAX_POINTS, box_rows, scenes
 
 MakeRun = Callable[[Plan], Run]
 Write = Callable[..., Page]
@@ -244,3 +248,20 @@ def test_island_keeps_data_and_ends_no_element(value: Any) -> None:
     assert not set("<>&'\u2028\u2029") & set(text)
     text.encode("utf-8")
     assert json.loads(text) == round_floats(value)
+
+
+def test_a_dropped_frame_shows_the_output_that_counts_then(tmp_path):
+    """With 250 ms, frames 0, 2, 5 and 7 run; at the instant of 3 output 0 is ready, and at that of 6 output 2."""
+    run = play(drive(8), tmp_path / "run", latency=LatencyModel(250_000_000), num_media=8)
+    (shown,) = scenes([run], ["echo"])["runs"]
+    line = shown["timeline"]
+    assert line["dropped"] == [[1, None], [3, 0], [4, 0], [6, 2]]
+    assert [num is None for num in line["tracks"]] == [i in (1, 3, 4, 6) for i in range(8)]
+    boxes = {frame["index"]: [box["id"] for box in frame["tracks"]] for frame in shown["frames"]}
+    assert boxes == {0: [1], 1: [], 2: [2], 3: [1], 4: [1], 5: [3], 6: [2], 7: [4]}
+    times = frame_times(run)
+    assert [ms is None for ms in times] == [i in (1, 3, 4, 6) for i in range(8)]
+    assert overview(run, "echo").dropped == 4
+    lockstep = play(drive(2), tmp_path / "lockstep")
+    assert scenes([lockstep], ["echo"])["runs"][0]["timeline"]["dropped"] == []
+    assert overview(lockstep, "echo").dropped is None

@@ -1,10 +1,13 @@
 """Suite files: the cells that they mean, and where they are wrong."""
 
+import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+from fbench.api.suites.contents import Contents
 from fbench.api.suites.file import SuiteText
 from fbench.api.suites.plan import make_suite, read_suite
 from fbench.api.suites.runner import group_of
@@ -52,6 +55,34 @@ def test_cells_are_the_product_of_all_and_clear_weather_is_not_repeated_for_seed
     assert (request.pipeline, list(request.settings)) == ("late3d", ["lidar.max_range_m=60"])
     assert (list(request.sensors), request.condition, request.seed) == (["lidar", "radar"], "fog:5", 7)
     assert request.log.path == Path("out/logs/urban-night-3.mcap")
+
+
+def test_latency_is_for_all_cells_and_decides_what_they_are_made_of(tmp_path):
+    (tmp_path / "a.mcap").write_bytes(b"")
+    content = 'version = 1\nlogs = ["a.mcap"]\npipelines = ["lidar3d"]\nrates = ["1", "2"]\n[replay]\n'
+    timed = [cell.request for cell in suite_of(f'{content}latency = "fixed:80ms"\noverload = "skip"', tmp_path).cells()]
+    assert [(one.latency, one.overload, one.rate) for one in timed] == [("fixed:80ms", "skip", r) for r in ("1", "2")]
+    plain = [cell.request for cell in suite_of(content, tmp_path).cells()]
+    contents = Contents()
+    keys = [json.dumps(contents.of(one), sort_keys=True, default=str) for one in (*plain, *timed)]
+    assert keys[0] == keys[1]  # a pace changes nothing in lockstep
+    assert len(set(keys)) == 3
+    assert contents.of(replace(timed[0], latency="measured")) is None
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ('latency = "80ms"', "suite.toml:6: 'replay.latency': 80ms: expected 'measured', or a time"),
+        ('overload = "skip"', "suite.toml:6: 'replay.overload': skip: is about --latency, which is missing"),
+        ('latency = "measured"\noverload = "fifo:0"', "suite.toml:7: 'replay.overload': fifo:0: expected"),
+    ],
+)
+def test_a_latency_that_makes_no_sense(tmp_path, line, found):
+    (tmp_path / "a.mcap").write_bytes(b"")
+    with pytest.raises(ConfigError) as error:
+        suite_of(f'version = 1\nlogs = ["a.mcap"]\npipelines = ["lidar3d"]\n\n[replay]\n{line}', tmp_path)
+    assert str(error.value).startswith(found)
 
 
 def test_cells_that_need_the_same_messages_follow_each_other(tmp_path):

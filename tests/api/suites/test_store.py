@@ -18,6 +18,8 @@ def run(tmp_path):
     folder.mkdir()
     (folder / "scores.json").write_text("[]")
     (folder / "tracks.parquet").write_bytes(b"PAR1")
+    (folder / "lockstep").mkdir()
+    (folder / "lockstep/scores.json").write_text("[2]")
     seal_run(folder, "k1", {"log": "x"})
     return folder
 
@@ -28,7 +30,8 @@ def no_waiting(monkeypatch):
 
 
 def files(folder):
-    return {file.name: file.read_bytes() for file in sorted(folder.iterdir())}
+    every = (file for file in sorted(folder.rglob("*")) if file.is_file())
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in every}
 
 
 def test_what_was_put_is_fetched_byte_for_byte(tmp_path, run):
@@ -36,6 +39,7 @@ def test_what_was_put_is_fetched_byte_for_byte(tmp_path, run):
     store.put("k1", run)
     assert store.fetch("k1", tmp_path / "again")
     assert files(tmp_path / "again") == files(run)
+    assert "lockstep/scores.json" in files(run)
     assert not store.fetch("k2", tmp_path / "other")
     assert not (tmp_path / "other").exists()
 
@@ -45,8 +49,9 @@ def test_what_is_damaged_in_the_store_is_not_fetched(tmp_path, run):
     store.put("k1", run)
     (tmp_path / "store/k1/scores.json").write_text("[1]")
     assert not store.fetch("k1", tmp_path / "again")
-    (tmp_path / "store/k1/cell.json").write_text('{"key": "k1", "files": {"../../evil": "0"}}')
-    assert not store.fetch("k1", tmp_path / "again")
+    for evil in ("../../evil", "../evil", "a/../evil", "/evil", "a/b/c"):
+        (tmp_path / "store/k1/cell.json").write_text(f'{{"key": "k1", "files": {{"{evil}": "0"}}}}')
+        assert not store.fetch("k1", tmp_path / "again")
     assert not (tmp_path / "again").exists()
 
 

@@ -8,10 +8,11 @@ from tests.metrics.conftest import NO_CAMERA, boxes2d, boxes3d, front_camera, ma
 
 from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
-from fbench.metrics.runs.streaming import StreamedRun, pair_outputs, score_streaming
+from fbench.metrics.runs.streaming import StreamedRun, measure_streaming, score_streaming
 from fbench.metrics.runs.tracking import Tracking
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, ScoreOptions
+from fbench.replay.engine.service_queue import pair_outputs
 from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
 from fbench.replay.runs.manifest import LatencyEntry
 
@@ -130,6 +131,22 @@ def test_accuracy_falls_with_latency_as_geometry_predicts(tmp_path, speed_mps):
     assert recalls == sorted(recalls, reverse=True)
 
 
+def test_several_runs_together_are_their_counts_added(tmp_path):
+    """12 frames of which 1 and 3 have no output: 20 of 24 are found with a forecast; ages are 100 and 300 ms."""
+    tables = []
+    for name, k in (("a", 1), ("b", 3)):
+        run = drive(tmp_path / name, k * STEP, 30.0)
+        tables.append(measure_streaming(run, run, ScoreOptions()))
+        alone = {(row.metric, row.slice): row.value for row in tables[-1].rows() if not row.matching.startswith("iou")}
+        assert alone == {key: row.value for key, row in scores(run).items()}
+    rows = {(row.metric, row.slice): row for row in (tables[0] + tables[1]).rows() if row.matching[:3] != "iou"}
+    assert rows["recall", LOCKSTEP].counts["tp"] == 24
+    assert (rows["recall", FORECAST].counts["tp"], rows["mota", FORECAST].value) == (20, pytest.approx(20 / 24))
+    assert rows["recall", STREAMING].counts["tp"] == 0
+    assert rows["staleness", STREAMING].value == pytest.approx((11 * 100 + 9 * 300) / 20)
+    assert rows["staleness", STREAMING].counts["without_output"] == 4
+
+
 def test_latency_between_two_frames_counts_as_the_next_frame(tmp_path):
     for name, latency_ns, age_ms in (("a", 100 * MS, 100), ("b", 100 * MS + 1, 200), ("c", 1, 100)):
         assert scores(drive(tmp_path / name, latency_ns))["staleness", STREAMING].value == age_ms
@@ -159,6 +176,26 @@ def test_a_detection_without_velocity_moves_with_the_track_near_it(tmp_path):
     run = write(tmp_path / "run", [(detections, tracks)] * 2, truth, STEP)
     np.testing.assert_allclose(streamed(run).detections.at(1).center_m, [[12, 0, 0], [30, 5, 0]])
     np.testing.assert_allclose(streamed(run).tracks.at(1).center_m, [[13, 0, 0]])
+
+
+def test_a_radial_velocity_corrects_that_of_its_track(tmp_path):
+    """Radar sees 13 m/s along (0.6, 0.8); the track believes (5, 0), of which 3 m/s are along it, so it gains 10."""
+    radial = np.array([[0.6 * 13, 0.8 * 13, 0.0]])
+    detections = replace(boxes3d((10, 0), (30, 0), score=[0.9, 0.8]), velocity_mps=np.vstack([radial, radial]))
+    tracks = moving(10.5, 0.0, 5.0)
+    truth = [Truth(i * STEP, i * STEP, detections) for i in range(2)]
+    run = write(tmp_path / "run", [(detections, tracks)] * 2, truth, STEP)
+    np.testing.assert_allclose(streamed(run).tracks.at(1).center_m, [[10.5 + 1.1, 0.8, 0]])
+    # The other one is near no track, so that only the radial part is known.
+    expected = [[10 + 1.1, 0.8, 0], [30 + 0.78, 1.04, 0]]
+    np.testing.assert_allclose(streamed(run).detections.at(1).center_m, expected)
+
+
+def test_a_detection_that_stands_still_says_no_direction(tmp_path):
+    detections = replace(boxes3d((10, 0), score=[0.9]), velocity_mps=np.zeros((1, 3)))
+    truth = [Truth(i * STEP, i * STEP, detections) for i in range(2)]
+    run = write(tmp_path / "run", [(detections, moving(10.0, 0.0, 5.0))] * 2, truth, STEP)
+    np.testing.assert_allclose(streamed(run).tracks.at(1).center_m, [[10.5, 0, 0]])
 
 
 def test_boxes_in_images_go_on_as_their_tracks_moved(tmp_path):

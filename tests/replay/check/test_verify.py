@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,9 @@ from tests.cli.conftest import circumstances, fbench, in_this_process, log, mess
 from tests.cli.test_recorded import drive, write
 from tests.replay.logs.test_two_types_of_tf import TYPES, cloud, transform, write_bag
 
+from fbench.replay.check.difference import _facts
 from fbench.replay.check.verify import variants, verify_in
+from fbench.replay.runs.folder import FrameRecord, Run
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 
@@ -147,6 +150,24 @@ def test_random_sleeps_do_not_matter(fbench, log, mine, circumstances, in_this_p
     assert Path("a/detections.parquet").read_bytes() == Path("b/detections.parquet").read_bytes()
 
 
+@pytest.mark.slow
+def test_a_fixed_latency_gives_the_same_with_other_threads(fbench, log, mine, circumstances):
+    circumstances("2 threads")
+    words = ("verify", log, "-p", mine(), "--quick", "--json", "--latency", "fixed:150ms", "--overload", "skip")
+    result = fbench(*words, "--keep", "kept")
+    assert result.code == 0, result.out
+    names = ("reference", "2_threads")
+    runs = [Run(Path("kept", name)) for name in names]
+    assert [f.is_dropped for f in runs[0].frames].count(True) == runs[0].manifest.latency.num_dropped > 0
+    for name in ("frames.parquet", "scores.json", "manifest.json", "lockstep/scores.json"):
+        assert len({Path("kept", run, name).read_bytes() for run in names}) == 1
+
+
+def test_other_times_of_dropped_frames_are_a_difference():
+    record = FrameRecord(3, 5, 0, None, {}, "", "", ready_ns=5, start_ns=5, done_ns=9)
+    assert _facts(record) != _facts(replace(record, done_ns=10))
+
+
 # --- 17: what breaks a promise is found, with the stage ---
 
 
@@ -244,6 +265,7 @@ def test_log_without_truth_and_excerpts(fbench, tmp_path, mine, circumstances, i
         (("car.mcap", "-p", "lidar3d", "--offset", "lidr=3"), 2, "did you mean 'lidar'?"),
         (("car.mcap", "-p", "lidar3d", "--keep", "car.mcap"), 2, "can't be written"),
         (("car.mcap", "-p", "lidar3d", "--repeat", "0"), 2, "repeat"),
+        (("car.mcap", "-p", "lidar3d", "--latency", "measured"), 2, "differs from replay to replay"),
     ],
 )
 def test_bad_input(fbench, log, in_this_process, arguments, code, message):
