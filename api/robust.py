@@ -92,6 +92,11 @@ class RobustCell:
         return self.cell.log
 
     @property
+    def name(self) -> str:
+        """The condition and its severity."""
+        return f"{self.condition} {self.severity}".strip()
+
+    @property
     def request(self) -> ReplayRequest:
         """How it is replayed."""
         return self.cell.request
@@ -165,8 +170,11 @@ def with_severity(condition: str, severity: str) -> str:
 def results_of(suite: RobustSuite, done: Sequence[tuple[RobustCell, CellResult]]) -> Results:
     """Put all runs together into tables. Raises MetricError where a run can't be scored."""
     cells = [
-        Cell(short_name(cell.request.pipeline), cell.condition, cell.severity, cell.log, Run(result.folder))
-        for cell, result in done if result.has_run
+        Cell(
+            short_name(cell.request.pipeline), cell.condition, cell.severity, cell.log,
+            Run(result.folder) if result.has_run else None, result.reason or "",
+        )
+        for cell, result in done
     ]  # fmt: skip
     options = suite.requests[0].scoring
     matrix = Matrix(cells, options, Bootstrap(num=suite.resamples))
@@ -176,12 +184,12 @@ def results_of(suite: RobustSuite, done: Sequence[tuple[RobustCell, CellResult]]
         ("logs", ", ".join(dict.fromkeys(cell.log for cell, _ in done))),
         ("pipelines", ", ".join(matrix.pipelines)),
         ("seed", str(suite.requests[0].seed)),
-        ("frames", str(sum({cell.log: len(cell.run.frames) for cell in cells}.values()))),
+        ("frames", str(sum({c.log: len(c.run.frames) for c in cells if c.run is not None}.values()))),
         ("versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())),
     ]
     problems = [f"left out: {what}: {why}" for what, why in suite.left_out.items()]
     problems += [
-        f"failed: {cell.condition} {cell.severity} of {cell.request.pipeline} on {cell.log}: {result.reason}"
+        f"failed: {cell.name} of {cell.request.pipeline} on {cell.log}: {result.reason}"
         for cell, result in done if not result.has_run
     ]  # fmt: skip
     outages = _outage_table(matrix, cells)
@@ -195,7 +203,7 @@ def _outage_table(matrix: Matrix, cells: Sequence[Cell]) -> ResultTable:
     outages: dict[tuple[str, str], dict[str, list[Outage]]] = {}
     for cell in cells:
         base = clear.get((cell.pipeline, cell.log))
-        if cell.condition.startswith("dropout") and base is not None:
+        if cell.condition.startswith("dropout") and base is not None and cell.run is not None:
             found = find_outages(base, cell.run, matrix.options)
             outages.setdefault((cell.condition, cell.severity), {}).setdefault(cell.pipeline, []).extend(found)
     lines = []
