@@ -13,7 +13,7 @@ from fbench.metrics.robustness.scenes import ScoredRun, Space, pool, spaces_of
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.scoring import cut_run, measure_pieces
 from fbench.replay.data.arrays import Array, Float64, Int64
-from fbench.replay.data.scores import Column, Figure, Line, ResultTable, ScoreOptions
+from fbench.replay.data.scores import Column, Curves, Figure, Line, ResultTable, ScoreOptions
 from fbench.replay.runs.folder import Run
 
 CLEAR = "clear"
@@ -274,13 +274,33 @@ def _by_severity(matrix: Matrix, name: str, title: str, metric: str, *, is_chang
 
 
 def _line(matrix: Matrix, condition: str, severity: str, metric: str) -> Line:
-    figures = []
-    for pipeline in matrix.pipelines:
-        figure = matrix.pool_cell(pipeline, condition, severity, metric)
-        of = _f1 if metric == "f1" else _mota
-        low, high = matrix.interval(figure.value, _resample(matrix, pipeline, condition, severity, of))
-        figures.append(Figure(figure.value, figure.reason, figure.counts, None, low, high))
-    return Line(_title(condition, severity), "", tuple(figures))
+    figures = tuple(_figure(matrix, pipeline, condition, severity, metric) for pipeline in matrix.pipelines)
+    return Line(_title(condition, severity), "", figures)
+
+
+def _figure(
+    matrix: Matrix, pipeline: str, condition: str, severity: str, metric: str, logs: Collection[str] | None = None
+) -> Figure:
+    """A metric of a cell with its interval."""
+    figure = matrix.pool_cell(pipeline, condition, severity, metric, logs)
+    of = _f1 if metric == "f1" else _mota
+    low, high = matrix.interval(figure.value, _resample(matrix, pipeline, condition, severity, of, logs))
+    return Figure(figure.value, figure.reason, figure.counts, None, low, high)
+
+
+def severity_curves(matrix: Matrix) -> tuple[Curves, ...]:
+    """Return how F1 goes from clear weather over the severities of each condition that has several."""
+    found = []
+    for condition, severities in matrix.conditions:
+        if len(severities) > 1:
+            logs = matrix.logs(condition, severities[0])
+            keys = [(CLEAR, ""), *((condition, severity) for severity in severities)]
+            lines = [
+                Line(name, matrix.space(name), tuple(_figure(matrix, name, *key, "f1", logs) for key in keys))
+                for name in matrix.pipelines
+            ]
+            found.append(Curves(condition, (CLEAR, *severities), tuple(lines)))
+    return tuple(found)
 
 
 def _title(condition: str, severity: str) -> str:

@@ -4,7 +4,7 @@ import pytest
 from tests.metrics.conftest import Case, boxes3d
 
 from fbench.metrics.core.bootstrap import Bootstrap
-from fbench.metrics.robustness.matrix import Cell, Matrix, count_pieces, matrix_tables
+from fbench.metrics.robustness.matrix import Cell, Matrix, count_pieces, matrix_tables, severity_curves
 from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.tracking import Tracking
@@ -46,8 +46,13 @@ def test_changes_by_hand(cell):
         cell([1] * 6), cell([1, 1, 1, 0, 0, 0], condition="fog", severity="1"),
         cell([1, 0, 0, 0, 0, 0], condition="fog", severity="2"),
     ]  # fmt: skip
-    change, aggregates, f1, by_severity, mota = matrix_tables(Matrix(cells, OPTIONS, Bootstrap(num=200)))
+    matrix = Matrix(cells, OPTIONS, Bootstrap(num=200))
+    change, aggregates, f1, by_severity, mota = matrix_tables(matrix)
     # F1 = 2 TP / (2 TP + FN): 6/9 and 2/7
+    (curves,) = severity_curves(matrix)
+    assert (curves.title, curves.steps) == ("fog", ("clear", "1", "2"))
+    assert [f.value for f in curves.lines[0].figures] == pytest.approx([1, 6 / 9, 2 / 7])
+    assert all(f.low <= f.value <= f.high for f in curves.lines[0].figures)
     assert figures(f1, "fog 1")["lidar3d"].value == pytest.approx(6 / 9)
     assert figures(by_severity, "fog 2")["lidar3d"].value == pytest.approx(2 / 7 - 1)
     assert figures(change, "lidar3d")["fog"].value == pytest.approx((6 / 9 + 2 / 7) / 2 - 1)
