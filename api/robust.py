@@ -6,14 +6,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-import numpy as np
-
 from fbench.api.runs import short_name
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.plan import SuiteCell
 from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.metrics.robustness.matrix import CLEAR, Cell, Matrix, matrix_tables, severity_curves
-from fbench.metrics.robustness.recovery import Outage, find_outages
+from fbench.metrics.robustness.recovery import Outage, find_outages, mean_recovery
 from fbench.replay.conditions.disturb import Disturbance
 from fbench.replay.conditions.spec import has_strength, parse_conditions
 from fbench.replay.contracts.errors import ConfigError, LogError
@@ -205,12 +203,14 @@ def _outage_table(matrix: Matrix, cells: Sequence[Cell]) -> ResultTable:
     outages: dict[tuple[str, str], dict[str, list[Outage]]] = {}
     for cell in cells:
         base = clear.get((cell.pipeline, cell.log))
-        if cell.condition.startswith("dropout") and base is not None and cell.run is not None:
+        if "dropout" in cell.condition and base is not None and cell.run is not None:
             found = find_outages(base, cell.run, matrix.options)
             outages.setdefault((cell.condition, cell.severity), {}).setdefault(cell.pipeline, []).extend(found)
     lines = []
     for (condition, severity), own in sorted(outages.items()):
-        figures = tuple(_recovery(matrix, own.get(pipeline)) for pipeline in matrix.pipelines)
+        figures = tuple(
+            mean_recovery(own[name], matrix.how) if name in own else Figure(None, "no run") for name in matrix.pipelines
+        )
         lines.append(Line(f"{condition} {severity}", "", figures))
     columns = tuple(Column(pipeline, "ms") for pipeline in matrix.pipelines)
     note = (
@@ -218,17 +218,6 @@ def _outage_table(matrix: Matrix, cells: Sequence[Cell]) -> ResultTable:
         f"clear weather; the mean over outages. From {LEAST_UNITS} outages on, in brackets: an interval over them."
     )
     return ResultTable("recovery", "Recovery after a sensor is back, ms", columns, tuple(lines), (note,))
-
-
-def _recovery(matrix: Matrix, outages: Sequence[Outage] | None) -> Figure:
-    if not outages:
-        return Figure(None, "no run" if outages is None else "no frame lacks a sensor")
-    known = [outage.recovery_s for outage in outages if outage.recovery_s is not None]
-    if len(known) < len(outages):
-        return Figure(None, f"not recovered in {len(outages) - len(known)} of {len(outages)} outages")
-    mean_ms, num = 1000 * sum(known) / len(known), len(known)
-    resamples = matrix.how.times(num) @ np.array(known) * (1000 / num) if num >= LEAST_UNITS else None
-    return Figure(mean_ms, None, {"outages": num}, None, *matrix.interval(mean_ms, resamples))
 
 
 def is_lossy(done: Sequence[tuple[RobustCell, CellResult]]) -> bool:
