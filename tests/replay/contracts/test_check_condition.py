@@ -1,7 +1,9 @@
 """`check_condition` refuses what breaks the promise of conditions, each in the way of a known tool or a likely slip."""
 
 import random
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -16,7 +18,8 @@ from fbench.replay.data.messages import PointCloud
 class Rise:
     """Lifts clouds: keeps all promises."""
 
-    version, kinds, levels = 1, ("lidar",), {"lifted_m": (1.0, 2.0, 3.0, 4.0, 5.0)}
+    version, kinds = 1, ("lidar",)
+    levels: ClassVar[Mapping[str, tuple[float, ...]]] = {"lifted_m": (1.0, 2.0, 3.0, 4.0, 5.0)}
 
     def disturb(self, message, level, site):
         return (replace(message, xyz=message.xyz + np.float32([0, 0, self.amount(level, message, site)])),)
