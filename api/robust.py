@@ -9,9 +9,9 @@ from typing import Literal, TypeAlias
 from fbench.api.runs import short_name
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.plan import SuiteCell
-from fbench.metrics.core.bootstrap import Bootstrap
-from fbench.metrics.robustness.matrix import CLEAR, Cell, Matrix, matrix_tables
-from fbench.metrics.robustness.recovery import Outage, find_outages
+from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
+from fbench.metrics.robustness.matrix import CLEAR, Cell, Matrix, matrix_tables, severity_curves
+from fbench.metrics.robustness.recovery import Outage, find_outages, mean_recovery
 from fbench.replay.conditions.disturb import Disturbance
 from fbench.replay.conditions.spec import has_strength, parse_conditions
 from fbench.replay.contracts.errors import ConfigError, LogError
@@ -92,6 +92,11 @@ class RobustCell:
         return self.cell.log
 
     @property
+    def name(self) -> str:
+        """The condition and its severity."""
+        return f"{self.condition} {self.severity}".strip()
+
+    @property
     def request(self) -> ReplayRequest:
         """How it is replayed."""
         return self.cell.request
@@ -165,8 +170,11 @@ def with_severity(condition: str, severity: str) -> str:
 def results_of(suite: RobustSuite, done: Sequence[tuple[RobustCell, CellResult]]) -> Results:
     """Put all runs together into tables. Raises MetricError where a run can't be scored."""
     cells = [
-        Cell(short_name(cell.request.pipeline), cell.condition, cell.severity, cell.log, Run(result.folder))
-        for cell, result in done if result.has_run
+        Cell(
+            short_name(cell.request.pipeline), cell.condition, cell.severity, cell.log,
+            Run(result.folder) if result.has_run else None, result.reason or "",
+        )
+        for cell, result in done
     ]  # fmt: skip
     options = suite.requests[0].scoring
     matrix = Matrix(cells, options, Bootstrap(num=suite.resamples))
@@ -176,17 +184,17 @@ def results_of(suite: RobustSuite, done: Sequence[tuple[RobustCell, CellResult]]
         ("logs", ", ".join(dict.fromkeys(cell.log for cell, _ in done))),
         ("pipelines", ", ".join(matrix.pipelines)),
         ("seed", str(suite.requests[0].seed)),
-        ("frames", str(sum({cell.log: len(cell.run.frames) for cell in cells}.values()))),
+        ("frames", str(sum({c.log: len(c.run.frames) for c in cells if c.run is not None}.values()))),
         ("versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())),
     ]
     problems = [f"left out: {what}: {why}" for what, why in suite.left_out.items()]
     problems += [
-        f"failed: {cell.condition} {cell.severity} of {cell.request.pipeline} on {cell.log}: {result.reason}"
+        f"failed: {cell.name} of {cell.request.pipeline} on {cell.log}: {result.reason}"
         for cell, result in done if not result.has_run
     ]  # fmt: skip
     outages = _outage_table(matrix, cells)
     tables = (*tables, *([outages] if outages.lines else []))
-    return Results("Robustness", tuple(facts), tables, (), tuple(problems))
+    return Results("Robustness", tuple(facts), tables, (), tuple(problems), severity_curves(matrix))
 
 
 def _outage_table(matrix: Matrix, cells: Sequence[Cell]) -> ResultTable:
@@ -195,28 +203,21 @@ def _outage_table(matrix: Matrix, cells: Sequence[Cell]) -> ResultTable:
     outages: dict[tuple[str, str], dict[str, list[Outage]]] = {}
     for cell in cells:
         base = clear.get((cell.pipeline, cell.log))
-        if cell.condition.startswith("dropout") and base is not None:
+        if "dropout" in cell.condition and base is not None and cell.run is not None:
             found = find_outages(base, cell.run, matrix.options)
             outages.setdefault((cell.condition, cell.severity), {}).setdefault(cell.pipeline, []).extend(found)
     lines = []
     for (condition, severity), own in sorted(outages.items()):
-        figures = tuple(_recovery(own.get(pipeline, [])) for pipeline in matrix.pipelines)
+        figures = tuple(
+            mean_recovery(own[name], matrix.how) if name in own else Figure(None, "no run") for name in matrix.pipelines
+        )
         lines.append(Line(f"{condition} {severity}", "", figures))
     columns = tuple(Column(pipeline, "ms") for pipeline in matrix.pipelines)
     note = (
         "From the last frame without the sensor to the first of three frames whose tracks have 95 % of their F1 in "
-        "clear weather; the mean over outages."
+        f"clear weather; the mean over outages. From {LEAST_UNITS} outages on, in brackets: an interval over them."
     )
     return ResultTable("recovery", "Recovery after a sensor is back, ms", columns, tuple(lines), (note,))
-
-
-def _recovery(outages: Sequence[Outage]) -> Figure:
-    if not outages:
-        return Figure(None, "no frame lacks a sensor")
-    known = [outage.recovery_s for outage in outages if outage.recovery_s is not None]
-    if len(known) < len(outages):
-        return Figure(None, f"not recovered in {len(outages) - len(known)} of {len(outages)} outages")
-    return Figure(1000 * sum(known) / len(known), None, {"outages": len(outages)})
 
 
 def is_lossy(done: Sequence[tuple[RobustCell, CellResult]]) -> bool:

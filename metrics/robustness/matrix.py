@@ -1,7 +1,7 @@
 """The matrix of a robustness suite: scores of pipelines by condition and severity, with intervals, and its tables."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from fbench.metrics.robustness.scenes import ScoredRun, Space, pool, spaces_of
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.scoring import cut_run, measure_pieces
 from fbench.replay.data.arrays import Array, Float64, Int64
-from fbench.replay.data.scores import Column, Figure, Line, ResultTable, ScoreOptions
+from fbench.replay.data.scores import Column, Curves, Figure, Line, ResultTable, ScoreOptions
 from fbench.replay.runs.folder import Run
 
 CLEAR = "clear"
@@ -30,7 +30,9 @@ class Cell:
     severity: str
     """`1` to `5`; empty where the condition says itself how strong it is."""
     log: str
-    run: Run
+    run: Run | None
+    reason: str = ""
+    """Why there is no run."""
 
 
 def count_pieces(run: Run, options: ScoreOptions) -> dict[str, tuple[int, ...]]:
@@ -91,45 +93,63 @@ class Matrix:
 
     def space(self, pipeline: str) -> Space:
         """In which a pipeline's own boxes are."""
-        spaces = spaces_of(self._scored(pipeline))
+        spaces = spaces_of(_scored(cell for cell in self.cells if cell.pipeline == pipeline))
         return spaces[-1] if spaces else "3D"
 
-    def pool_cell(self, pipeline: str, condition: str, severity: str, metric: str) -> Figure:
-        """Return a metric over all logs of a cell."""
-        runs = [run for run in self._scored(pipeline) if run.condition == f"{condition}:{severity}"]
-        return pool(runs, metric, self.space(pipeline)) if runs else Figure(None, "no run")
+    def logs(self, condition: str, severity: str) -> set[str]:
+        """Return the logs that a condition fits, whatever became of their cells."""
+        return {cell.log for cell in self.cells if (cell.condition, cell.severity) == (condition, severity)}
 
-    def _scored(self, pipeline: str) -> list[ScoredRun]:
-        return [
-            ScoredRun(cell.pipeline, f"{cell.condition}:{cell.severity}", cell.log, cell.run.scores)
-            for cell in self.cells if cell.pipeline == pipeline
-        ]  # fmt: skip
+    def pool_cell(
+        self, pipeline: str, condition: str, severity: str, metric: str, logs: Collection[str] | None = None
+    ) -> Figure:
+        """Return a metric of a cell over all its logs, or over some of them; none where one of them has no run."""
+        key = (pipeline, condition, severity)
+        own = [
+            c for c in self.cells if (c.pipeline, c.condition, c.severity) == key and (logs is None or c.log in logs)
+        ]
+        for cell in own:
+            if cell.run is None:
+                return Figure(None, f"failed on {cell.log}: {cell.reason}")
+        return pool(_scored(own), metric, self.space(pipeline)) if own else Figure(None, "no run")
 
     @cached_property
-    def _pieces(self) -> dict[tuple[str, str, str], dict[str, tuple[int, ...]]]:
+    def _pieces(self) -> dict[tuple[str, str, str], dict[tuple[str, str], tuple[int, ...]]]:
         """Counts of each piece, by pipeline, condition and severity, then by log and number."""
-        found: dict[tuple[str, str, str], dict[str, tuple[int, ...]]] = {}
+        found: dict[tuple[str, str, str], dict[tuple[str, str], tuple[int, ...]]] = {}
         for cell in self.cells:
-            own = found.setdefault((cell.pipeline, cell.condition, cell.severity), {})
-            own |= {f"{cell.log}/{number}": c for number, c in count_pieces(cell.run, self.options).items()}
+            if cell.run is not None:
+                own = found.setdefault((cell.pipeline, cell.condition, cell.severity), {})
+                own |= {(cell.log, number): c for number, c in count_pieces(cell.run, self.options).items()}
         return found
 
     @cached_property
-    def _units(self) -> list[str]:
-        """Pieces that all cells have: they are cut at the same instants, whatever the condition."""
-        sets = [set(own) for own in self._pieces.values()]
-        return sorted(set.intersection(*sets)) if sets else []
+    def _units(self) -> list[tuple[str, str]]:
+        """Pieces that all runs of a log have: they are cut at the same instants, whatever the condition."""
+        found: dict[str, set[tuple[str, str]]] = {}
+        for own in self._pieces.values():
+            for log in {log for log, _ in own}:
+                units = {unit for unit in own if unit[0] == log}
+                found[log] = found.get(log, units) & units
+        return sorted(unit for units in found.values() for unit in units)
 
     @cached_property
     def _times(self) -> Int64:
         return self.how.times(len(self._units))
 
-    def resample(self, pipeline: str, condition: str, severity: str) -> Int64 | None:
-        """Return the counts (num, 7) of each resample of the pieces; `None` where there are too few."""
-        own = self._pieces.get((pipeline, condition, severity))
-        if own is None or len(self._units) < LEAST_UNITS:
+    def resample(
+        self, pipeline: str, condition: str, severity: str, logs: Collection[str] | None = None
+    ) -> Int64 | None:
+        """Return the counts (num, 7) of each resample of the pieces, of some logs if they are named; `None` where there
+        are too few.
+        """
+        own = self._pieces.get((pipeline, condition, severity), {})
+        known = {unit for unit in self._units if unit in own and (logs is None or unit[0] in logs)}
+        if len(known) < LEAST_UNITS:
             return None
-        return np.asarray(self._times @ np.array([own[unit] for unit in self._units], np.int64))
+        nothing = (0,) * len(_COUNTS)
+        counts = [own[unit] if unit in known else nothing for unit in self._units]
+        return np.asarray(self._times @ np.array(counts, np.int64))
 
     def difference(self, base: str, head: str, condition: str, severity: str = "") -> tuple[float | None, float | None]:
         """Return the ends of the interval of a pipeline's F1 minus that of a base, on the same stretches."""
@@ -159,6 +179,13 @@ class Matrix:
         rest = (1 - self.how.share) / 2
         low, high = np.quantile(own, [rest, 1 - rest]).tolist()
         return low, high
+
+
+def _scored(cells: Iterable[Cell]) -> list[ScoredRun]:
+    return [
+        ScoredRun(cell.pipeline, f"{cell.condition}:{cell.severity}", cell.log, cell.run.scores)
+        for cell in cells if cell.run is not None
+    ]  # fmt: skip
 
 
 def matrix_tables(matrix: Matrix, baseline: str | None = None) -> tuple[ResultTable, ...]:
@@ -198,7 +225,8 @@ class _Change:
 
 
 def _change(matrix: Matrix, pipeline: str, condition: str, severity: str, metric: str) -> _Change:
-    clear, then = (matrix.pool_cell(pipeline, *key, metric) for key in ((CLEAR, ""), (condition, severity)))
+    logs = matrix.logs(condition, severity)  # A condition may not fit all
+    clear, then = (matrix.pool_cell(pipeline, *key, metric, logs) for key in ((CLEAR, ""), (condition, severity)))
     counts = {f"{when}_{name}": num for when, f in (("clear", clear), ("then", then)) for name, num in f.counts.items()}
     for when, figure in (("clear weather", clear), (condition, then)):
         if figure.value is None:
@@ -208,8 +236,7 @@ def _change(matrix: Matrix, pipeline: str, condition: str, severity: str, metric
     if clear.value < 0:
         return _Change(Figure(None, "below 0 in clear weather", counts), None)
     value, of = (then.value - clear.value) / clear.value, _f1 if metric == "f1" else _mota
-    base = _resample(matrix, pipeline, CLEAR, "", of)
-    other = _resample(matrix, pipeline, condition, severity, of)
+    base, other = (_resample(matrix, pipeline, *key, of, logs) for key in ((CLEAR, ""), (condition, severity)))
     resamples = None if base is None or other is None else _ratio(other - base, base)
     low, high = matrix.interval(value, resamples)
     return _Change(Figure(value, None, counts, None, low, high), resamples)
@@ -226,9 +253,10 @@ def _mean(matrix: Matrix, changes: Sequence[_Change]) -> Figure:
 
 
 def _resample(
-    matrix: Matrix, pipeline: str, condition: str, severity: str, of: Callable[[Array], Float64]
-) -> Float64 | None:
-    counts = matrix.resample(pipeline, condition, severity)
+    matrix: Matrix, pipeline: str, condition: str, severity: str, of: Callable[[Array], Float64],
+    logs: Collection[str] | None = None,
+) -> Float64 | None:  # fmt: skip
+    counts = matrix.resample(pipeline, condition, severity, logs)
     return None if counts is None else of(counts)
 
 
@@ -246,13 +274,33 @@ def _by_severity(matrix: Matrix, name: str, title: str, metric: str, *, is_chang
 
 
 def _line(matrix: Matrix, condition: str, severity: str, metric: str) -> Line:
-    figures = []
-    for pipeline in matrix.pipelines:
-        figure = matrix.pool_cell(pipeline, condition, severity, metric)
-        of = _f1 if metric == "f1" else _mota
-        low, high = matrix.interval(figure.value, _resample(matrix, pipeline, condition, severity, of))
-        figures.append(Figure(figure.value, figure.reason, figure.counts, None, low, high))
-    return Line(_title(condition, severity), "", tuple(figures))
+    figures = tuple(_figure(matrix, pipeline, condition, severity, metric) for pipeline in matrix.pipelines)
+    return Line(_title(condition, severity), "", figures)
+
+
+def _figure(
+    matrix: Matrix, pipeline: str, condition: str, severity: str, metric: str, logs: Collection[str] | None = None
+) -> Figure:
+    """A metric of a cell with its interval."""
+    figure = matrix.pool_cell(pipeline, condition, severity, metric, logs)
+    of = _f1 if metric == "f1" else _mota
+    low, high = matrix.interval(figure.value, _resample(matrix, pipeline, condition, severity, of, logs))
+    return Figure(figure.value, figure.reason, figure.counts, None, low, high)
+
+
+def severity_curves(matrix: Matrix) -> tuple[Curves, ...]:
+    """Return how F1 goes from clear weather over the severities of each condition that has several."""
+    found = []
+    for condition, severities in matrix.conditions:
+        if len(severities) > 1:
+            logs = matrix.logs(condition, severities[0])
+            keys = [(CLEAR, ""), *((condition, severity) for severity in severities)]
+            lines = [
+                Line(name, matrix.space(name), tuple(_figure(matrix, name, *key, "f1", logs) for key in keys))
+                for name in matrix.pipelines
+            ]
+            found.append(Curves(condition, (CLEAR, *severities), tuple(lines)))
+    return tuple(found)
 
 
 def _title(condition: str, severity: str) -> str:
@@ -260,9 +308,12 @@ def _title(condition: str, severity: str) -> str:
 
 
 def _aggregates(matrix: Matrix, baseline: str | None) -> ResultTable:
-    """Means over the conditions that have the same severities for all."""
-    usual = _usual(severities for _, severities in matrix.conditions)
-    names = [name for name, severities in matrix.conditions if severities == usual]
+    """Means over the conditions that have the same severities for all, and fit all logs."""
+    usual, logs = _usual(severities for _, severities in matrix.conditions), matrix.logs(CLEAR, "")
+    names = [
+        name for name, severities in matrix.conditions
+        if severities == usual and all(matrix.logs(name, severity) == logs for severity in severities)
+    ]  # fmt: skip
     columns = (Column("mPC"), Column("mRR"), Column("mCE"), Column("relative mCE"), Column("mRRA", "change"))
     lines = []
     for pipeline in matrix.pipelines:

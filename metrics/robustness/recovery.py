@@ -1,15 +1,17 @@
 """Recovery: how long after a sensor is back the tracks are as good again as if it had never been away."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.metrics.core.slices import VEHICLE
 from fbench.metrics.detection.outcomes import Outcome, compare_class, judge_detections
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import views
 from fbench.replay.data.arrays import Int64
-from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.data.scores import Figure, ScoreOptions
 from fbench.replay.runs.folder import Run
 
 AS_GOOD = 0.95  # Of the F1 of the same frames without the outage
@@ -48,6 +50,23 @@ def find_outages(clear: Run, disturbed: Run, options: ScoreOptions) -> list[Outa
             silent = (stamps[last] - stamps[first]) / 1e9
             found.append(Outage(sensor, common[first], common[last], silent, recovery))
     return found
+
+
+def mean_recovery(outages: Sequence[Outage], how: Bootstrap) -> Figure:
+    """Return the mean time of recovery [ms], from five outages on with the interval of resampled outages; none where
+    the tracks didn't recover from one of them.
+    """
+    if not outages:
+        return Figure(None, "no frame lacks a sensor")
+    known = [outage.recovery_s for outage in outages if outage.recovery_s is not None]
+    if (num := len(known)) < len(outages):
+        return Figure(None, f"not recovered in {len(outages) - num} of {len(outages)} outages")
+    mean_ms, counts = 1000 * sum(known) / num, {"outages": num}
+    if num < LEAST_UNITS:
+        return Figure(mean_ms, None, counts)
+    rest = (1 - how.share) / 2
+    low, high = np.quantile(how.times(num) @ np.array(known) * (1000 / num), [rest, 1 - rest]).tolist()
+    return Figure(mean_ms, None, counts, None, low, high)
 
 
 def _stretches(rows: list[int]) -> list[tuple[int, int]]:

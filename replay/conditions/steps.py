@@ -5,6 +5,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+import numpy as np
+
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.conditions.weather import combine
 from fbench.replay.conditions.weathers import disturb_by_weather
@@ -19,6 +21,7 @@ from fbench.replay.contracts.conditions import (
     needs_of,
 )
 from fbench.replay.contracts.errors import INTERRUPTS, FbenchError, LogError, RunError, one_line
+from fbench.replay.data.arrays import own_arrays
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, PointCloud, RadarScan
 
@@ -69,7 +72,7 @@ class Step:
             if self.is_weather:
                 weathers = [p.condition.weather(p.level) for p in self.parts if isinstance(p.condition, MakesWeather)]
                 return (disturb_by_weather(message, combine(weathers), site),)
-            results = tuple(part.condition.disturb(message, site_level(part), site))
+            results = _disturb(part, message, site)
             for result in results:
                 if wrong := find_wrong(message, result):
                     raise RunError(f"condition '{part.name}' {wrong}", "COR001")
@@ -77,6 +80,23 @@ class Step:
                 what = "drops, repeats, delays or restamps messages, but doesn't say changes_times = True"
                 raise RunError(f"condition '{part.name}' {what}", "COR001")
             return results
+
+
+def _disturb(part: Part, message: Measurement, site: Site) -> tuple[Measurement, ...]:
+    """Disturb a message. A plug-in gets a copy: by force it can write into what other pipelines read, too. Raises
+    RunError where it did.
+    """
+    if type(part.condition).__module__.startswith("fbench."):
+        return tuple(part.condition.disturb(message, site_level(part), site))
+    given = own_arrays(message)
+    results = tuple(part.condition.disturb(given, site_level(part), site))
+    for name, value in vars(message).items():
+        other = vars(given).get(name)
+        if other is not value and not (
+            isinstance(value, np.ndarray) and isinstance(other, np.ndarray) and other.tobytes() == value.tobytes()
+        ):
+            raise RunError(f"condition '{part.name}' changed '{name}' of the message that it was given", "COR001")
+    return tuple(message if result is given else result for result in results)
 
 
 def times_of(messages: Sequence[Measurement]) -> list[tuple[int, int, int | None]]:

@@ -6,11 +6,14 @@ some. What acts "once" does so within the window of the condition, else within t
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 
+from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.conditions import Level, Measurement, Site
+from fbench.replay.data.arrays import Bool
 from fbench.replay.data.rig import Kind
 
 _BLOCK = 512  # Slots over which the state of a channel is drawn at once
@@ -62,16 +65,23 @@ class BurstLoss(_Times):
     def disturb(self, message: Measurement, level: Level, site: Site) -> Sequence[Measurement]:
         """Drop messages while the channel is bad."""
         block, slot = divmod(max(0, message.log_ns - site.first_ns) // max(1, site.period_ns), _BLOCK)
-        share, rng = level["lost_share"], site.rng("channel", block)
+        share = level["lost_share"]
         if not 0 < share < 1:
             return () if share >= 1 else (message,)
-        begins_bad = rng.random() < share
-        to_good = 1 / _BURST
-        to_bad = min(1.0, to_good * share / (1 - share))
-        # Stays in a state are geometric; of each pair the first is in the state that the chain begins with.
-        stays = rng.geometric([to_good, to_bad] if begins_bad else [to_bad, to_good], (_BLOCK, 2))
-        num_changes = int(np.searchsorted(np.cumsum(stays), slot, side="right"))
-        return () if begins_bad == (num_changes % 2 == 0) else (message,)
+        return () if _bad_slots(site.key, int(block), share)[slot] else (message,)
+
+
+@lru_cache(64)
+def _bad_slots(key: tuple[str | int, ...], block: int, share: float) -> Bool:
+    """In which of its steps (512,) a channel is bad; kept, because the messages of a block ask for the same."""
+    rng = generator(int(key[0]), *key[1:], "channel", block)
+    begins_bad = rng.random() < share
+    to_good = 1 / _BURST
+    to_bad = min(1.0, to_good * share / (1 - share))
+    # Stays in a state are geometric; of each pair the first is in the state that the chain begins with.
+    stays = rng.geometric([to_good, to_bad] if begins_bad else [to_bad, to_good], (_BLOCK, 2))
+    num_changes = np.searchsorted(np.cumsum(stays), np.arange(_BLOCK), side="right")
+    return np.asarray(begins_bad == (num_changes % 2 == 0))
 
 
 class Delay(_Times):

@@ -201,6 +201,17 @@ class ResultTable:
 
 
 @dataclass(frozen=True)
+class Curves:
+    """How one metric, 0 to 1, of several configurations goes over a few steps."""
+
+    title: str
+    steps: tuple[str, ...]
+    """What is along, such as `clear`, `1` to `5`."""
+    lines: tuple[Line, ...]
+    """A configuration each, with a figure a step."""
+
+
+@dataclass(frozen=True)
 class Results:
     """All that an experiment gave."""
 
@@ -212,6 +223,7 @@ class Results:
     """Tables of times, which differ from run to run."""
     problems: tuple[str, ...] = ()
     """What failed or was left out, and why."""
+    curves: tuple[Curves, ...] = ()
 
 
 def format_number(value: float | None, kind: Kind) -> str:

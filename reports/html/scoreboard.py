@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, Score, format_figure, format_number
+from fbench.replay.data.scores import Curves, Figure, Kind, Results, ResultTable, Score, format_figure, format_number
 from fbench.replay.runs.folder import Run
 from fbench.reports.html.records import DASH, number
 
@@ -112,8 +112,46 @@ def _parts(lines: Sequence[Line]) -> list[dict[str, Any]]:
 
 
 def result_view(results: Results) -> dict[str, Any]:
-    """Turn the numbers of an experiment into text: `facts`, `boards`, one a table, and `problems`."""
-    return {"facts": results.facts, "boards": [_board(t) for t in results.tables], "problems": results.problems}
+    """Turn the numbers of an experiment into text: `facts`, `boards`, one a table, `problems`, and `curves`."""
+    boards, curves = [_board(t) for t in results.tables], [_curves(c) for c in results.curves]
+    return {"facts": results.facts, "boards": boards, "problems": results.problems, "curves": curves}
+
+
+_LEFT, _RIGHT, _TOP, _BOTTOM = 30, 250, 8, 120
+"""Of the field of a chart, in its units."""
+_COLORS = 6
+
+
+def _curves(curves: Curves) -> dict[str, Any]:
+    """Places of points in a chart: of each line its pieces between figures that are missing, and the band of its
+    interval.
+    """
+    width = (_RIGHT - _LEFT) / max(1, len(curves.steps) - 1)
+
+    def at(step: int, value: float) -> str:
+        return f"{_LEFT + width * step:.1f},{_BOTTOM - (_BOTTOM - _TOP) * min(1.0, max(0.0, value)):.1f}"
+
+    lines = []
+    for color, line in enumerate(curves.lines):
+        known = [(i, f.value) for i, f in enumerate(line.figures) if f.value is not None]
+        pieces: list[list[str]] = []
+        for num, (i, value) in enumerate(known):
+            if not num or known[num - 1][0] < i - 1:
+                pieces.append([])
+            pieces[-1].append(at(i, value))
+        ends = [(i, f.low, f.high) for i, f in enumerate(line.figures) if f.low is not None and f.high is not None]
+        band = [at(i, low) for i, low, _ in ends] + [at(i, high) for i, _, high in reversed(ends)]
+        texts = [
+            f"{step} {format_number(f.value, 'share')}" for step, f in zip(curves.steps, line.figures, strict=True)
+        ]
+        label = f"{line.name}: {', '.join(texts)}"
+        has_band = len(ends) == len(line.figures)
+        lines.append({
+            "name": line.name, "color": color % _COLORS, "pieces": pieces, "band": band if has_band else [],
+            "label": label,
+        })  # fmt: skip
+    steps = [{"name": step, "x": f"{_LEFT + width * i:.1f}"} for i, step in enumerate(curves.steps)]
+    return {"title": curves.title, "steps": steps, "lines": lines}
 
 
 def _board(table: ResultTable) -> dict[str, Any]:

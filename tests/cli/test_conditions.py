@@ -12,12 +12,16 @@ from tests.cli.conftest import messages, rig, write_log
 
 from fbench.api.verify_child import run
 from fbench.replay.check.difference import Outcome, VerifyTask, first_difference
+from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
+from fbench.replay.conditions.effects import Effects
+from fbench.replay.conditions.spec import parse_conditions
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import entry_points_of
 from fbench.replay.contracts.street import Street
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, PointCloud
 from fbench.replay.logs.open import open_log
+from fbench.replay.runs.digest import digest
 from fbench.replay.runs.folder import Run
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
@@ -213,24 +217,40 @@ def test_conditions_are_listed_and_described(fbench, plugin, monkeypatch):
     assert (refused.code, "did you mean" in refused.err) == (2, True)
 
 
+HIDING = {"camera.crash", "camera.quant", "dropout", "lidar.fov"}
+"""Conditions that leave little for others to change."""
+
+
+def change(street, parts, seed):
+    """The rig and the messages that become of a street."""
+    disturbance = Disturbance(parse_conditions("+".join(parts)), seed, street.span)
+    messages = DisturbedReader(street, disturbance, Effects()).messages()
+    return [digest(disturbance.rig(street.rig, street.info.log_id)), *map(digest, messages)]
+
+
 @pytest.mark.slow
 def test_verify_holds_under_every_condition(tmp_path):
     """What `fbench verify` compares, in this process: frames, messages, boxes, faults and scores of a paced replay of
     the log as Parquet, all of it read in advance, are those of the log itself. Three conditions at a time, of different
-    sensors mostly; `test_every_condition` reads messages under each alone.
+    sensors mostly, none of which hides what another does; `test_every_condition` reads messages under each alone.
     """
-    street, names = Street(4), sorted(entry_points_of("conditions"))
+    street, names = Street(6), sorted(entry_points_of("conditions"))
     log = write_log(tmp_path / "street.mcap", [*street.messages(), *street.truths()], street.rig)
     num = -(-len(names) // 3)
     for some in (names[i::num] for i in range(num)):
-        condition, folder = "+".join(f"{name}:4" for name in some), tmp_path / some[0]
+        parts, folder = [f"{name}:4" + ("@0.3s-" if name in HIDING else "") for name in some], tmp_path / some[0]
+        condition, whole = "+".join(parts), change(street, parts, seed=3)
+        without = {
+            name: change(street, [p for p in parts if p != own], seed=3) for name, own in zip(some, parts, strict=True)
+        }
+        assert [name for name in some if without[name] == whole] == []
         request = ReplayRequest(LogRequest(log), "late3d", condition=condition, seed=3, on_fault="tolerant")
         paced = replace(request, rate="20", read_ahead="all")
         run(VerifyTask(request, folder / "base"))
         run(VerifyTask(paced, folder / "other", form="parquet"))
         base, other = (Outcome(folder / which) for which in ("base", "other"))
         assert (some, first_difference(base, other, same_container=False)) == (some, None)
-        assert len(base.run.frames) == 4
+        assert len(base.run.frames) == 6
         assert base.run.manifest.effects
 
 
@@ -240,9 +260,8 @@ def test_verify_holds_under_all_conditions_together_in_fresh_processes(fbench, t
     street = Street(8)
     log = write_log(tmp_path / "street.mcap", [*street.messages(), *street.truths()], street.rig)
     circumstances("random hash seed", "2 threads", "Parquet")  # of 12
-    late = {"camera.crash", "camera.quant", "dropout", "lidar.fov"}
-    names = sorted(entry_points_of("conditions"), key=lambda name: (name in late, name))
-    condition = "+".join(f"{name}:1" + ("@0.4s-" if name in late else "") for name in names)
+    names = sorted(entry_points_of("conditions"), key=lambda name: (name in HIDING, name))
+    condition = "+".join(f"{name}:1" + ("@0.4s-" if name in HIDING else "") for name in names)
     result = fbench("verify", log, "-p", "late3d", "--condition", condition, "--seed", "5", "--keep", "runs")
     assert result.code == 0, result.out + result.err
     assert result.out.count(": identical\n") == 3

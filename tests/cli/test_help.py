@@ -29,3 +29,11 @@ def test_help_shows_examples(fbench):
         assert "Examples" in result.out, command
         assert f"fbench {command}" in result.out
     assert "replay" in fbench().out
+
+
+@pytest.mark.parametrize(("command", "flag"), [("verify", "--quick"), ("replay", "--no-media")])
+def test_a_flag_takes_no_word(fbench, command, flag):
+    """Elsewhere, `--sweep false` means true."""
+    result = fbench(command, "log.mcap", "-p", "lidar3d", flag, "false")
+    assert (result.code, result.out) == (2, "")
+    assert result.err == "fbench: Got unexpected extra argument(s) (false)\n"

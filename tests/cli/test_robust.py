@@ -12,6 +12,16 @@ from fbench.replay.data.scores import load_scores
 
 CELLS = ("--condition", "loss", "--condition", "delay.lidar:3", "--severity", "1,5")
 
+FAILS = """
+class Fails:
+    version, kinds, levels = 1, ("radar",), {"x": (1, 2, 3, 4, 5)}
+
+    def disturb(self, message, level, site):
+        if site.history:
+            raise ValueError("no more")
+        return [message]
+"""
+
 
 @pytest.fixture(scope="module")
 def city(tmp_path_factory) -> Path:
@@ -67,6 +77,21 @@ def test_what_does_not_fit_the_log_is_left_out_of_a_suite_and_said(fbench, city)
     conditions = {row["condition"] for row in result.json()["runs"]}
     assert {"clear", "dropout.radar", "radar.ghost"} <= conditions
     assert "camera.crash" not in conditions
+
+
+@pytest.mark.slow
+def test_a_condition_that_fails_never_counts_as_clear_weather(fbench, city):
+    """Defect 8: elsewhere, what a corruption raises is caught, and clean data is scored."""
+    Path("mine.py").write_text(FAILS)
+    own = ("--condition", "mine.py:Fails:2", "--condition", "radar.shift:2")
+    result = fbench("robust", city, "-p", "radar3d", *own, "--jobs", 1, "-o", "suite", "--json")
+    assert (result.code, result.err) == (4, "")
+    content, why = result.json(), "condition 'mine.py:Fails' failed: ValueError: no more (mine.py:7)"
+    assert content["problems"] == [f"failed: mine.py:Fails:2 of radar3d on city: {why}"]
+    rows = {row["name"]: row for row in content["tables"]["robustness_f1"]}
+    assert (rows["mine.py:Fails:2"]["value"], rows["mine.py:Fails:2"]["reason"]) == (None, f"failed on city: {why}")
+    assert rows["radar.shift:2"]["value"] is not None
+    assert [run["digest"] is None for run in content["runs"]] == [False, True, False]
 
 
 @pytest.mark.parametrize(

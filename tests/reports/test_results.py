@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from tests.reports.conftest import Page, Plan
 
-from fbench.replay.data.scores import Column, Figure, Line, Results, ResultTable
+from fbench.replay.data.scores import Column, Curves, Figure, Line, Results, ResultTable
 from fbench.reports.html import HtmlReport
 from fbench.reports.markdown import markdown, measured_markdown
 
@@ -65,3 +65,19 @@ def test_markdown_keeps_names_names_from_data_on_their_line_and_fetches_nothing_
     line = replace(TABLE.lines[0], name="a\n# b|c![](http://x/y.png)\\[")
     text = markdown(replace(RESULTS, tables=(replace(TABLE, lines=(line,)),)))
     assert r"| a # b\|c!\[](http://x/y.png)\\\[ | image |" in text
+
+
+def test_curves_over_severity(make_run, tmp_path):
+    """The field is 220 wide from 30 on, and 112 high from 120 up to 8; where a figure is missing, a line breaks."""
+    whole = Line("late3d", "3D", tuple(Figure(v, low=v - 0.1, high=v + 0.1) for v in (0.75, 0.5, 0.25)))
+    curves = Curves(
+        "fog", ("clear", "1", "5"), (whole, Line("<b>", "3D", (Figure(1.0), Figure(None, "x"), Figure(0.0))))
+    )
+    out = tmp_path / "report.html"
+    HtmlReport().write_results(replace(RESULTS, curves=(curves,)), [make_run(Plan())], out)
+    chart = out.read_text("utf-8").partition("<figcaption>fog")[2].partition("</figure>")[0]
+    assert 'aria-label="fog. late3d: clear 75.0, 1 50.0, 5 25.0; &lt;b&gt;: clear 100.0, 1 –, 5 0.0"' in chart
+    assert '<polyline points="30.0,36.0 140.0,64.0 250.0,92.0"/>' in chart
+    assert '<polygon points="30.0,47.2 140.0,75.2 250.0,103.2 250.0,80.8 140.0,52.8 30.0,24.8"/>' in chart
+    assert [chart.count(f'<polyline points="{at}"/>') for at in ("30.0,8.0", "250.0,120.0")] == [1, 1]
+    assert chart.count("<polygon") == 1

@@ -4,7 +4,7 @@ import pytest
 from tests.metrics.conftest import Case, boxes3d
 
 from fbench.metrics.core.bootstrap import Bootstrap
-from fbench.metrics.robustness.matrix import Cell, Matrix, count_pieces, matrix_tables
+from fbench.metrics.robustness.matrix import Cell, Matrix, count_pieces, matrix_tables, severity_curves
 from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.tracking import Tracking
@@ -46,8 +46,13 @@ def test_changes_by_hand(cell):
         cell([1] * 6), cell([1, 1, 1, 0, 0, 0], condition="fog", severity="1"),
         cell([1, 0, 0, 0, 0, 0], condition="fog", severity="2"),
     ]  # fmt: skip
-    change, aggregates, f1, by_severity, mota = matrix_tables(Matrix(cells, OPTIONS, Bootstrap(num=200)))
+    matrix = Matrix(cells, OPTIONS, Bootstrap(num=200))
+    change, aggregates, f1, by_severity, mota = matrix_tables(matrix)
     # F1 = 2 TP / (2 TP + FN): 6/9 and 2/7
+    (curves,) = severity_curves(matrix)
+    assert (curves.title, curves.steps) == ("fog", ("clear", "1", "2"))
+    assert [f.value for f in curves.lines[0].figures] == pytest.approx([1, 6 / 9, 2 / 7])
+    assert all(f.low <= f.value <= f.high for f in curves.lines[0].figures)
     assert figures(f1, "fog 1")["lidar3d"].value == pytest.approx(6 / 9)
     assert figures(by_severity, "fog 2")["lidar3d"].value == pytest.approx(2 / 7 - 1)
     assert figures(change, "lidar3d")["fog"].value == pytest.approx((6 / 9 + 2 / 7) / 2 - 1)
@@ -91,6 +96,35 @@ def test_a_cell_without_a_run_is_null_with_a_reason(cell):
     figure = figures(change, "radar3d")["fog"]
     assert figure.value is None
     assert figure.reason == "none in fog: no run"
+
+
+def test_a_cell_that_failed_has_its_reason_and_spoils_what_it_is_part_of(cell):
+    """Defect 8: a condition that fails is scored as clear weather; nor is what is left of it compared with all logs."""
+    cells = [
+        cell([1] * 6), cell([0] * 6, log="b"), cell([1] * 6, condition="fog", severity="1"),
+        Cell("lidar3d", "fog", "1", "b", None, "ValueError: no"), Cell("lidar3d", "rain", "1", "a", None, "crashed"),
+        cell([1] * 6, condition="rain", severity="1", log="b"),
+    ]  # fmt: skip
+    change, aggregates, f1, by_severity, _ = matrix_tables(Matrix(cells, OPTIONS, Bootstrap(num=50)))
+    for table, name, column in ((f1, "fog 1", "lidar3d"), (f1, "rain 1", "lidar3d"), (by_severity, "fog 1", "lidar3d"),
+                                (change, "lidar3d", "fog"), (aggregates, "lidar3d", "mRR")):  # fmt: skip
+        figure = figures(table, name)[column]
+        assert (figure.value, figure.low, figure.high) == (None, None, None)
+    assert figures(f1, "fog 1")["lidar3d"].reason == "failed on b: ValueError: no"
+    assert figures(by_severity, "rain 1")["lidar3d"].reason == "none in rain: failed on a: crashed"
+
+
+def test_a_condition_that_does_not_fit_all_logs_is_compared_on_those_it_fits(cell):
+    """Such as one of cameras, where one of two logs has none; on the other, nothing is ever found."""
+    cells = [
+        cell([1] * 6), cell([0] * 6, log="b"), cell([1] * 3 + [0] * 3, condition="fog", severity="1"),
+        cell([0] * 6, condition="fog", severity="1", log="b"), cell([1] * 6, condition="camera.jpeg", severity="1"),
+    ]  # fmt: skip
+    change, aggregates, _, by_severity, _ = matrix_tables(Matrix(cells, OPTIONS, Bootstrap(num=200)))
+    same = figures(by_severity, "camera.jpeg 1")["lidar3d"]
+    assert (same.value, same.low, same.high) == (0, 0, 0)
+    assert figures(change, "lidar3d")["fog"].value == pytest.approx((6 / 15) / (12 / 18) - 1)  # 2 TP / (2 TP + FN)
+    assert "Of F1 over fog, severities 1;" in aggregates.notes[0]
 
 
 def test_logs_are_pooled_by_counts(cell):

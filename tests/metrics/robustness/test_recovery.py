@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.metrics.conftest import boxes3d, make_manifest
 
-from fbench.metrics.robustness.recovery import find_outages
+from fbench.metrics.core.bootstrap import Bootstrap
+from fbench.metrics.robustness.recovery import Outage, find_outages, mean_recovery
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
@@ -43,6 +45,23 @@ def test_recovery_counts_from_the_last_frame_without_the_sensor(tmp_path, hits, 
     assert [(o.sensor, o.first_frame, o.last_frame) for o in outages] == [("lidar", 2, 4)]
     assert outages[0].silent_s == pytest.approx(0.2)
     assert outages[0].recovery_s == (None if recovery_s is None else pytest.approx(recovery_s))
+
+
+def outages(*recovery_s):
+    return [Outage("lidar", 2, 4, 0.2, seconds) for seconds in recovery_s]
+
+
+def test_the_mean_over_outages_and_its_interval():
+    few, many = (mean_recovery(outages(*seconds), Bootstrap()) for seconds in ((0.1, 0.4), (0.1, 0.4) * 50))
+    assert (few.value, few.low, few.high) == (pytest.approx(250), None, None)
+    half = 1.96 * 150 / np.sqrt(100)  # normal: a hundred of deviation 150 ms
+    assert (many.value, many.low, many.high) == pytest.approx((250, 250 - half, 250 + half), rel=0.02)
+    assert mean_recovery(outages(*[0.3] * 5), Bootstrap()).high == pytest.approx(300)
+
+
+def test_no_mean_where_one_never_recovered_or_nothing_was_away():
+    assert mean_recovery(outages(0.1, None), Bootstrap()).reason == "not recovered in 1 of 2 outages"
+    assert mean_recovery([], Bootstrap()).reason == "no frame lacks a sensor"
 
 
 def test_what_is_missing_in_clear_weather_too_is_no_outage(tmp_path):

@@ -312,6 +312,16 @@ def write_into(message, level, site):
     message.xyz[0, 0] = 5
 
 
+def write_by_force(message, level, site):
+    message.xyz.setflags(write=True)
+    return (write_into(message, level, site), message)[1:]
+
+
+def set_by_force(message, level, site):
+    object.__setattr__(message, "stamp_ns", 5)
+    return [message]
+
+
 def change_level(message, level, site):
     level["shift_m"] = 7
 
@@ -325,6 +335,8 @@ def fail(message, level, site):
     [
         (fail, "condition 'mine' failed: ValueError: two (test_disturb.py:"),
         (write_into, "condition 'mine' failed: ValueError: assignment destination is read-only"),
+        (write_by_force, "condition 'mine' changed 'xyz' of the message that it was given"),
+        (set_by_force, "condition 'mine' changed 'stamp_ns' of the message that it was given"),
         (change_level, "condition 'mine' failed: TypeError: 'mappingproxy'"),
         (lambda m, level, site: m, "condition 'mine' failed: TypeError"),
         (lambda m, level, site: None, "condition 'mine' failed: TypeError"),

@@ -59,6 +59,12 @@ def test_table_is_the_integral(alpha):
         assert fog.integral(np.array([target_m]))[0] == pytest.approx(largest, rel=5e-3)
 
 
+def test_every_density_has_its_own_figures():
+    """Not those of the nearest one in a table, as where a float rounded to a digit is looked up (defect 4)."""
+    switches = [fog_return(np.log(20) / m, m).switch_m for m in (100.0, 100.4, 100.8, 101.2)]
+    assert (np.diff(switches) > 0.05).all()
+
+
 def test_beyond_five_metres_the_target_changes_nothing_for_the_fog():
     fog = fog_of_alpha(0.02)
     assert len(set(fog.integral(np.array([5.0, 6.0, 50.0, 300.0])))) == 1

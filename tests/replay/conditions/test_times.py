@@ -1,6 +1,7 @@
 """Conditions of time: exact times, shares and lengths of bursts against their formulas."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import groupby
 
 import numpy as np
@@ -28,6 +29,7 @@ NUM = 3000
 SITE = Site((3, "x@1:3", "log", "lidar"), Street().rig, "lidar", "lidar", FIRST, FIRST + NUM * 100 * MS)
 
 
+@cache
 def cloud(index):
     at = FIRST + index * 100 * MS
     return PointCloud("lidar", at - 5 * MS, at, np.zeros((0, 3), np.float32))

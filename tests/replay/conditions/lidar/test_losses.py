@@ -44,6 +44,14 @@ def test_the_same_beams_are_dead_throughout_a_log_and_others_in_another():
     assert alive[0] == alive[1] != alive[2]
 
 
+def test_every_beam_is_dead_in_some_log():
+    """Defect 10: choices that never reach the last one."""
+    base, alive = street(num=2000), np.zeros(64, int)
+    for log in range(40):
+        alive[np.unique(disturb(BeamDrop(), base, 2, seed=log).ring)] += 1
+    assert ((alive > 0) & (alive < 40)).all()
+
+
 def test_one_beam_is_left():
     one = cloud(np.ones((5, 3)), ring=np.full(5, 900, np.uint16))
     assert disturb(BeamDrop(), one, 5) is one
