@@ -7,20 +7,18 @@ import numpy as np
 
 from fbench.metrics.criticality.motion import Motion
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Rows
 from fbench.replay.data.metadata import CAMERA0, SIMULATED
 
 HORIZON_S = 5.0  # Motion isn't predicted any further
-STEP_S = 0.1  # Between places that are tried; within such a step the moment of contact is found by halving
+_STEPS = 50  # Into which it is cut; within one the moment of contact is found by halving
 CRITICAL_S = 3.0
 """A conflict is critical from this time to collision on ..."""
 CRITICAL_MPS2 = 3.0  # ... or from this deceleration on, which passengers feel as hard braking
 FULL_MPS2 = 8.0  # A car can hardly brake harder on dry asphalt: from here on a conflict has the full weight
 MOST_MPS2 = 12.0  # Decelerations and lateral accelerations are limited to this: no tire gives more
 _HALVINGS = 30
-_WINDOWS = 10  # Stretches of the horizon in which circles are compared before rectangles are
-_CHUNK = 2048  # Bodies whose places are tried at once, so that memory stays small
 
 
 @dataclass(frozen=True)
@@ -62,9 +60,7 @@ class Conflicts(Rows):
 
     ttc_s: Float64  # (N,)
     deceleration_mps2: Float64  # (N,) constant, from now on, with which the ego just doesn't touch the body
-    lateral_mps2: (
-        Float64  # (N,) constant lateral acceleration, from now on, that just clears the body on the nearer side
-    )
+    lateral_mps2: Float64  # (N,) constant, from now on, that just clears the body on the nearer side
 
     def __len__(self) -> int:
         return len(self.ttc_s)
@@ -92,70 +88,31 @@ def find_conflicts(ego: Motion, outline: Outline, bodies: Motion, size_lw_m: Flo
     They meet when the two rectangles first touch. Rectangles that overlap at once, which happens where the outline
     isn't exact, meet at 0 s if they go on into each other, and not at all if they don't.
     """
+    from fbench.metrics.criticality.contact_kernel import meet  # numba takes a while to import
+
     known = ego.known & bodies.known & np.isfinite(size_lw_m).all(axis=1)
     ttc, brake, evade = (np.where(known, none, np.nan) for none in (np.inf, 0.0, 0.0))
-    middle = ego.ahead((outline.front_m - outline.rear_m) / 2)
+    ahead_m = (outline.front_m - outline.rear_m) / 2
     half_ego = np.array([(outline.front_m + outline.rear_m) / 2, outline.side_m])
-    for rows in _chunks(np.flatnonzero(known)):
-        near = rows[_Pair(middle[rows], bodies[rows], half_ego, size_lw_m[rows] / 2).may_meet()]
-        ttc[near] = _Pair(middle[near], bodies[near], half_ego, size_lw_m[near] / 2).meet_s()
+    rows = np.flatnonzero(known)
+    ttc[rows] = meet(
+        ego[rows].table, ahead_m, bodies[rows].table, half_ego, size_lw_m[rows] / 2, HORIZON_S, _STEPS, _HALVINGS
+    )
     met = np.flatnonzero(np.isfinite(ttc))
-    pair = _Pair(middle[met], bodies[met], half_ego, size_lw_m[met] / 2)
+    pair = _Pair(ego[met], ahead_m, bodies[met], half_ego, size_lw_m[met] / 2)
     brake[met], evade[met] = pair.brake_mps2(ttc[met]), pair.evade_mps2(ttc[met])
     return Conflicts(ttc, brake, evade)
 
 
-def _chunks(rows: Int64) -> list[Int64]:
-    return [] if not len(rows) else np.split(rows, np.arange(_CHUNK, len(rows), _CHUNK))
-
-
 @dataclass(frozen=True, eq=False)
 class _Pair:
+    """Egos and bodies, (N,) each, that meet."""
+
     ego: Motion
+    ahead_m: float  # Of the ego's place: where the middle of its rectangle is
     body: Motion
     half_ego: Float64  # (2,) half length and width
     half_body: Float64  # (N, 2)
-
-    def gap_m(self, time_s: Float64) -> Float64:
-        """Distance (N, K) of the rectangles along the axis that separates them most; negative where none does."""
-        (a, yaw_a), (b, yaw_b) = self.ego.move(time_s), self.body.move(time_s)
-        between, turned = b - a, yaw_b - yaw_a
-        c, s = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-        long_a, wide_a = self.half_ego
-        long_b, wide_b = self.half_body[:, :1], self.half_body[:, 1:]
-        seen_a, seen_b = between * np.exp(-1j * yaw_a), between * np.exp(-1j * yaw_b)
-        gap = np.abs(seen_a.real) - long_a - long_b * c - wide_b * s
-        gap = np.maximum(gap, np.abs(seen_a.imag) - wide_a - long_b * s - wide_b * c)
-        gap = np.maximum(gap, np.abs(seen_b.real) - long_b - long_a * c - wide_a * s)
-        return np.asarray(np.maximum(gap, np.abs(seen_b.imag) - wide_b - long_a * s - wide_a * c))
-
-    def may_meet(self) -> Bool:
-        """Tell which bodies (N,) come near enough: circles around both, at the highest speeds between some instants."""
-        times: Float64 = np.asarray((np.arange(_WINDOWS) + 0.5) * (HORIZON_S / _WINDOWS), np.float64)
-        apart = np.abs(self.body.move(times[None])[0] - self.ego.move(times[None])[0])
-        # The ego's middle, which lies off its origin, swings out where it turns.
-        swing = np.abs(self.ego.turn_rate_radps) * self.half_ego[0]
-        speed = sum(m.speed_mps + np.maximum(m.acceleration_mps2, 0) * HORIZON_S for m in (self.ego, self.body))
-        reach = np.hypot(*self.half_ego) + np.hypot(*self.half_body.T) + (speed + swing) * times[0]
-        return np.asarray((apart <= reach[:, None]).any(axis=1))
-
-    def meet_s(self) -> Float64:
-        """When (N,) the rectangles first touch; inf: not within the horizon."""
-        times: Float64 = np.linspace(0.0, HORIZON_S, round(HORIZON_S / STEP_S) + 1)
-        gap = self.gap_m(times[None])
-        touch = gap <= 0
-        at_once = touch[:, 0]
-        first = np.where(touch.any(axis=1), touch.argmax(axis=1), 0)
-        found = np.where(at_once & (gap[:, 1] < gap[:, 0] - 1e-9), 0.0, np.inf)
-        rows = np.flatnonzero(first > 0)
-        some = _Pair(self.ego[rows], self.body[rows], self.half_ego, self.half_body[rows])
-        low, high = times[first[rows] - 1], times[first[rows]]
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            is_apart = some.gap_m(middle[:, None])[:, 0] > 0
-            low, high = np.where(is_apart, middle, low), np.where(is_apart, high, middle)
-        found[rows] = high
-        return found
 
     def _contact(self, ttc_s: Float64) -> tuple[Float64, Float64]:
         """Way of the ego (N,) until contact, and its course (N,) then."""
@@ -192,8 +149,8 @@ class _Pair:
         is how far the ego must go aside, on the side where that is less.
         """
         at = ttc_s[:, None]
-        (a, _), (b, yaw_b), course = self.ego.move(at), self.body.move(at), self._contact(ttc_s)[1]
-        aside = ((b - a)[:, 0] * np.exp(-1j * course)).imag
+        (a, yaw_a), (b, yaw_b), course = self.ego.move(at), self.body.move(at), self._contact(ttc_s)[1]
+        aside = ((b - a - self.ahead_m * np.exp(1j * yaw_a))[:, 0] * np.exp(-1j * course)).imag
         turned = yaw_b[:, 0] - course
         reach = self.half_body[:, 0] * np.abs(np.sin(turned)) + self.half_body[:, 1] * np.abs(np.cos(turned))
         away = np.maximum(reach + self.half_ego[1] - np.abs(aside), 0.0)

@@ -88,7 +88,7 @@ def find_critical_errors(run: Run, options: ScoreOptions) -> list[CriticalError]
 
 def _list_errors(run: Run, options: ScoreOptions, side: Side, view: View, group: Group) -> Iterator[CriticalError]:
     sequence, predicted = view.sequence, _predict(run, options, side, view.sequence)
-    errors, _ = _judge(side, sequence, group, view.match)
+    errors, _ = _judge(run, options, side, view, group)
     kinds: tuple[tuple[Literal["miss", "false alarm"], Objects, Int64, Conflicts], ...] = (
         ("miss", sequence.truth, errors.truth_row[~errors.hit], predicted.conflicts[0]),
         ("false alarm", sequence.estimates, errors.alarm_row, predicted.conflicts[1]),
@@ -123,7 +123,7 @@ def _measure(run: Run, options: ScoreOptions, side: Side) -> AbstractSequence[Sc
 
     def measure(sequence: Sequence, group: Group, match: Match) -> CriticalityCounts:
         predicted = _predict(run, options, side, sequence)
-        errors, hits = _judge(side, sequence, group, match)
+        errors, hits = _judge(run, options, side, view, group)
         return predicted.count(errors, sequence) + measure_hits(*hits)
 
     return measure_classes([view], table, measure, nothing)
@@ -164,8 +164,16 @@ def _predict(run: Run, options: ScoreOptions, side: Side, sequence: Sequence) ->
     return once(run, ("conflicts", side, options), find)
 
 
-def _judge(side: Side, sequence: Sequence, group: Group, match: Match) -> tuple[Errors, tuple[Objects, Objects]]:
+Judged = tuple[Errors, tuple[Objects, Objects]]
+
+
+def _judge(run: Run, options: ScoreOptions, side: Side, view: View, group: Group) -> Judged:
     """Errors of one class, and the truth and estimates of its hits."""
+    key = ("critical errors", side, options, group.name)
+    return once(run, key, lambda: _match(side, view.sequence, group, view.match))
+
+
+def _match(side: Side, sequence: Sequence, group: Group, match: Match) -> Judged:
     switched = None
     if side == "detections":
         judgement = judge_detections(compare_class(sequence, group, match))

@@ -42,6 +42,12 @@ class Motion(Rows):
         parts = (self.place, self.yaw_rad, self.course_rad, self.speed_mps, self.acceleration_mps2)
         return np.asarray(np.isfinite(np.array([*parts, self.turn_rate_radps])).all(axis=0))
 
+    @property
+    def table(self) -> Float64:
+        """(N, 7) x, y, heading, course, speed, acceleration, turn rate, for kernels."""
+        rest = self.yaw_rad, self.course_rad, self.speed_mps, self.acceleration_mps2, self.turn_rate_radps
+        return np.ascontiguousarray(np.column_stack([self.place.real, self.place.imag, *rest]))
+
     def moving_s(self, time_s: Float64) -> Float64:
         """Return for how long (N, K) of these times each body moves: one that brakes stands from its stop on."""
         braking = np.where(self.acceleration_mps2 < 0, -self.acceleration_mps2, np.nan)
@@ -71,10 +77,6 @@ class Motion(Rows):
         second[straight] = 1 / 2 + z / 3 + z**2 / 8 + z**3 / 30 + z**4 / 144
         along = self.speed_mps[:, None] * t * first + self.acceleration_mps2[:, None] * t**2 * second
         return self.place[:, None] + along * np.exp(1j * self.course_rad)[:, None], self.yaw_rad[:, None] + turned
-
-    def ahead(self, distance_m: float) -> Self:
-        """Return the motion with places this far ahead along the heading: of a footprint's middle, not its origin."""
-        return replace(self, place=self.place + distance_m * np.exp(1j * self.yaw_rad))
 
 
 @dataclass(frozen=True, eq=False)
