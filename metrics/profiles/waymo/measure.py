@@ -150,8 +150,8 @@ def _count(
                 free = np.ones(len(own), bool)
                 free[i] = False
                 easy = int((free & ~hard[rows[own]]).sum())
-                sums = (sum(map(Fraction, each[i, j].tolist()), Fraction(0)) for each in (heading, affinity))
-                matched[len(held)] = len(i), easy, int(free.sum()), *sums
+                turned, placed = (sum(map(Fraction, each[i, j].tolist()), Fraction(0)) for each in (heading, affinity))
+                matched[len(held)] = len(i), easy, int(free.sum()), turned, placed
             found, missed_easy, missed, accuracy, affine = matched[len(held)]
             hits[k] += found
             alarms[k] += len(held) - found
