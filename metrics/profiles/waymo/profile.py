@@ -1,7 +1,7 @@
 """The profile `waymo`."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -71,10 +71,11 @@ class WaymoProfile:
     name: str = "waymo"
     summary: str = "AP and APH of 3D boxes, also longitudinally tolerant (LET), as the Waymo Open Dataset 1.6.1"
 
-    facts: ClassVar[Facts] = Facts(
-        judges_tracks=False, space="3d",
-        headlines=Headlines(("ap", "aph", "let_apl", "let_ap", "let_aph")),
-    )  # fmt: skip
+    @property
+    def facts(self) -> Facts:
+        """What it judges; with tolerance people look for other metrics."""
+        metrics = ("ap", "aph") if self.camera_m is None else ("let_apl", "let_ap", "let_aph")
+        return Facts(judges_tracks=False, space="3d", headlines=Headlines(metrics))
 
     @property
     def result_labels(self) -> frozenset[str]:
