@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from fbench.replay.contracts.errors import ConfigError, MetricError, RunError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.plugins import entry_points_of, load
+from fbench.replay.data.criticality import save_critical_errors
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Score, ScoreOptions, save_scores
 from fbench.replay.logs.setup import BoxSource
@@ -190,18 +191,21 @@ def open_folder(folder: Path) -> Run:
 
 
 def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None) -> Run:
-    """Write `scores.json` and `latency.json` into a run folder and return the run. Where the pipeline needed time, the
-    same replay in lockstep, which is kept inside, is scored first, and streaming scores are written, too.
+    """Write `scores.json`, `criticality.json` and `latency.json` into a run folder and return the run. Where the
+    pipeline needed time, the same replay in lockstep, which is kept inside, is scored first, and streaming scores are
+    written, too.
 
     Args:
         folder: Of the run.
         options: How boxes match, and which count.
         how: Resamples for confidence intervals of the scores; none by default.
     """
+    from fbench.metrics.criticality.metric import find_critical_errors
     from fbench.metrics.latency import summarize
     from fbench.metrics.runs.combine import score_run
+    from fbench.metrics.runs.places import SharedRun
 
-    run = Run(folder)
+    run = SharedRun(folder)
     scores = score_run(run, options, _make_metrics())
     if how is not None:
         from fbench.metrics.runs.scoring import intervals_of_run
@@ -213,6 +217,7 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
         scores += score_streaming(run, options, score_folder(folder / IN_LOCKSTEP, options).scores)
     latency = json.dumps(summarize(run.frame_times, run.compiled_frames, run.clock), indent=1, allow_nan=False) + "\n"
     save_scores(folder / "scores.json", scores)
+    save_critical_errors(folder, find_critical_errors(run, options))
     replace_text(folder / "latency.json", latency)
     return Run(folder)
 

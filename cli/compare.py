@@ -19,6 +19,7 @@ _STYLES = {
     "improved": "green", "REGRESSED": "red", "gone": "red", "null": "yellow", "INCONCLUSIVE": "yellow", "new": "cyan",
 }  # fmt: skip
 _MOST_LINES = 12
+_SIGNS = {True: "MORE CRITICAL ERRORS", False: "fewer critical errors"}
 Reference = Annotated[
     Literal["truth", "base"], Option(help="'base': without labels, the results of BASE stand for truth.")
 ]
@@ -59,11 +60,18 @@ def compare(
 
 def _show(comparison: "Comparison") -> None:
     say(*(f"note: {note}" for note in comparison.notes))
+    from fbench.replay.data.boxes import VEHICLES  # numpy takes a while to import
+
+    # Of single kinds of vehicles a wrong label makes an error, too.
+    rows = (row for row in comparison.rows if row.class_ not in VEHICLES)
+    critical = [row for row in rows if row.metric.startswith("critical_") and row.delta]
+    say(*(f"{_SIGNS[(row.delta or 0) > 0]}: {row.name}: {row.values}" for row in critical if row.slice == "all"))
     names = {(row.pipeline, row.condition) for row in comparison.rows}
     cells = ("pipeline", "condition") if len(names) > 1 else ()
     columns = (*cells, "metric", "class", "slice", "matching", "base", "head", "change", "95 %", "shows", "verdict")
     table = make_table(*columns, right=("base", "head", "change", "95 %", "shows"))
     shown = [row for row in comparison.rows if row.gate or row.verdict in ("improved", "REGRESSED", "changed", "gone")]
+    shown.sort(key=lambda row: not row.metric.startswith("critical_"))  # What can cause a collision comes first
     for row in shown:
         table.add_row(*((row.pipeline, row.condition) if cells else ()), *_cells(row), style=_STYLES.get(row.verdict))
     console().print(table)

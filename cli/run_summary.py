@@ -12,10 +12,13 @@ from fbench.cli.show import console, fault_lines, latency_table, make_table, pri
 from fbench.replay.conditions.effects import describe
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.contracts.faults import UNVERIFIED
+from fbench.replay.data.criticality import FILE, load_critical_errors
 from fbench.replay.data.scores import DASH, FORECAST, LOCKSTEP, STREAMING, format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import coverage_of, predictions_of
 
+_CRITICAL = ("critical_misses", "critical_false_alarms")
+_WORST = 3
 _STREAMED = ("f1", "ap", "mota", "hota")
 _SLICES = (LOCKSTEP, STREAMING, FORECAST)
 _AMOUNT = re.compile(r" by [\d.]+ ms$")
@@ -31,11 +34,29 @@ def show_run(run: Run, as_json: bool) -> None:
         return
     out = console()
     out.print(score_table(run.scores))
-    say(*score_notes(run.scores), "")
+    say(*score_notes(run.scores), *_describe_critical(run), "")
     if run.manifest.latency is not None:
         _show_streaming(run)
     _show_latency(run.json("latency.json"))
     say("", *_status(run))
+
+
+def _describe_critical(run: Run) -> list[str]:
+    """Say how many errors are critical, of tracks where there are any, and which are the worst."""
+    errors, side = load_critical_errors(run.folder), "tracks" if run.manifest.has_tracks else "detections"
+    names = ("critical_untracked", "critical_false_tracks") if run.manifest.has_tracks else _CRITICAL
+    rows = {row.metric: row for row in run.scores if row.class_ == "vehicle" and row.slice == "all"}
+    missed, false = (rows.get(name) for name in names)
+    if errors is None or missed is None or false is None:
+        return []
+    if missed.value is None:
+        return [f"critical errors of {side}: unknown, {missed.reason}"]
+    own = sorted((e for e in errors if e.side == side), key=lambda e: (e.ttc_s, -e.deceleration_mps2))
+    counts = Counter(error.kind for error in own)
+    parts = [format_count(counts["miss"], "miss", "misses"), format_count(counts["false alarm"], "false alarm")]
+    more = [f"  {error}" for error in own[:_WORST]]
+    more += [f"  {len(own) - _WORST} more, see {FILE}"] if len(own) > _WORST else []
+    return [f"critical errors of {side}: {', '.join(parts)}", *more]
 
 
 def _show_streaming(run: Run) -> None:

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fbench.metrics.core.tolerance import tolerant_overlaps
 from fbench.replay.contracts.errors import LimitError, MetricError
 from fbench.replay.contracts.profiles import SimilarityKind
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
@@ -119,6 +120,8 @@ def blocks(
       are nearest to the ego and the same two of the estimate, which is turned round where headings are more than
       90 deg apart (autoware_perception_evaluation, `PlaneDistanceMatching`; without its rounding to 10 digits).
       Where two corners are equally second, the front or rear counts, not a side.
+    - `let`: `iou3d` of the estimate moved along the ego's line of sight; 0 where its distance is off by more than 10 %
+      of the true one, and by more than 0.5 m. See `fbench.metrics.core.tolerance`.
 
     Boxes that aren't finite or have a negative size get -inf and so match nothing (for center distances only the
     center is looked at); boxes without area or volume have an intersection over union of 0. `ego_m` (S, 2 or 3) is
@@ -130,6 +133,9 @@ def blocks(
     starts = _starts(truth, estimates, num_steps)
     if similarity in ("ioubev", "iou3d"):
         return Blocks(*starts, flat_iou(_solids(truth), _solids(estimates), *starts[:2], similarity == "iou3d"))
+    if similarity == "let":
+        overlap, affinity = compare_tolerantly(truth, estimates, Blocks(*starts, np.zeros(0)), ego_m)
+        return Blocks(*starts, np.where(affinity > 0, overlap, np.minimum(overlap, 0.0)))
     from fbench.metrics.core.similarity_kernel import distance_blocks, plane_blocks  # numba takes a while to import
 
     if similarity == "plane":
@@ -138,6 +144,19 @@ def blocks(
         return Blocks(*starts, plane_blocks(a, b, comparable(a), comparable(b), *starts, ego))
     a, b = (_centers(objects, 2 if similarity == "bev" else 3) for objects in (truth, estimates))
     return Blocks(*starts, distance_blocks(a, b, are_finite(a), are_finite(b), *starts))
+
+
+def compare_tolerantly(
+    truth: Objects, estimates: Objects, pairs: Blocks, sensor_m: Array | None
+) -> tuple[Float64, Float64]:
+    """Return overlap and longitudinal affinity (B,) of pairs of rows, seen from `sensor_m` (S, 3) at each step; `None`:
+    from the origin. -inf and 0 where a box isn't finite or has a negative size.
+    """
+    (row, column), a, b = pairs.pairs, _solids(truth), _solids(estimates)
+    sensor = np.zeros((len(row), 3)) if sensor_m is None else np.asarray(sensor_m, np.float64)[truth.step[row]]
+    overlap, affinity = tolerant_overlaps(a[row], b[column], sensor)
+    sound = comparable(a)[row] & comparable(b)[column]
+    return np.where(sound, overlap, -np.inf), np.where(sound, affinity, 0.0)
 
 
 def image_overlaps(truth: Objects, estimates: Objects, num_steps: int, region: Bool) -> Blocks:

@@ -47,7 +47,7 @@ def _read(name: str) -> dict[str, dict[str, Any]]:
 def _definitions() -> Mapping[str, MetricDefinition]:
     sources = {name: Source(**entry) for name, entry in _read("sources").items()}
     found = {}
-    for name, entry in (_read("detection") | _read("tracking")).items():
+    for name, entry in (_read("detection") | _read("tracking") | _read("criticality")).items():
         entry["source"] = sources[entry["source"]]
         if entry.get("is_count"):
             entry["range"] = "from 0 up"

@@ -35,7 +35,7 @@ def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> lis
     slices; then what isn't about a class. Inside these, detection before tracking; rows of other metrics keep their
     order. Raises MetricError where truth or results can't be scored.
     """
-    shared = SharedRun(run.folder)
+    shared = run if isinstance(run, SharedRun) else SharedRun(run.folder)
     return _sort_rows([row for metric in metrics for row in metric.scores(shared, options)])
 
 

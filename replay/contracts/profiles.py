@@ -8,9 +8,10 @@ from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence, Space
 
-SimilarityKind = Literal["iou2d", "ioubev", "iou3d", "bev", "center3d", "plane"]
-"""How alike two boxes are: intersection over union in the image, from above, in space; or how far apart: centers in
-the ground plane, centers in space, or the two corners nearest to the ego (plane distance)."""
+SimilarityKind = Literal["iou2d", "ioubev", "iou3d", "let", "bev", "center3d", "plane"]
+"""How alike two boxes are: intersection over union in the image, from above, in space, or in space with tolerance along
+the line of sight; or how far apart: centers in the ground plane, centers in space, or the two corners nearest to the
+ego (plane distance)."""
 SIMILARITY_KINDS: tuple[SimilarityKind, ...] = get_args(SimilarityKind)
 _DISTANCES: tuple[SimilarityKind, ...] = ("bev", "center3d", "plane")
 

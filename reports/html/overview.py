@@ -10,6 +10,7 @@ import numpy as np
 from fbench.replay.conditions.effects import describe
 from fbench.replay.contracts.faults import FAULTS, UNVERIFIED
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.criticality import load_critical_errors
 from fbench.replay.data.scores import format_count
 from fbench.replay.engine.service_queue import pair_outputs
 from fbench.replay.runs.folder import Run
@@ -147,6 +148,17 @@ def conditions(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, Any
         {"label": label, "entries": m.conditions, "seed": m.seed,
          "effects": [(sensor, describe(row)) for sensor, row in m.effects.items()]} for label, m in disturbed
     ]  # fmt: skip
+
+
+def critical_errors(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the critical errors of each run by side, the most urgent first; of runs that weren't scored nothing."""
+    found = []
+    for run, label in zip(runs, labels, strict=True):
+        errors = load_critical_errors(run.folder)
+        for side in ("tracks", "detections") if errors is not None else ():
+            own = sorted((e for e in errors or () if e.side == side), key=lambda e: (e.ttc_s, -e.deceleration_mps2))
+            found.append({"label": label, "side": side, "errors": own})
+    return found
 
 
 def title(runs: Sequence[Run]) -> str:

@@ -43,6 +43,7 @@ def page(runs: Sequence[Run], results: Results | None = None) -> str:
         board=scoreboard(runs, labels),
         latency=latency,
         conditions=overview.conditions(runs, labels),
+        critical=overview.critical_errors(runs, labels),
         faults=overview.fault_lines(runs, labels),
         groups=overview.what_ran(runs),
         velocity_periods=overview.velocity_periods(runs),

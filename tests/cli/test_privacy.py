@@ -12,6 +12,7 @@ from tests.cli import conftest as c
 
 from fbench.api.runs import keep_stderr
 from fbench.cli import main
+from fbench.metrics.criticality.scores import RULES
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.rig import Mount
 
@@ -225,7 +226,10 @@ def test_redacted(fbench, leaky, tmp_path):
     assert manifest["log"]["metadata"] == {"reference": "lidar", "radar.velocity_period_mps": "30"}
     assert list(manifest["parameters"]["weights"]) == ["sha256"]
     assert manifest["digest"] == plain["digest"]  # of the results, which are the same
-    assert (run / "scores.json").read_bytes() == (tmp_path / "plain/scores.json").read_bytes()
+    shown, hidden = (json.loads((f / "scores.json").read_text()) for f in (tmp_path / "plain", run))
+    of_motion = {name for name, rule in RULES.items() if rule.needs}  # of the ego, which a run without poses hides
+    assert [r for r in hidden if r["metric"] not in of_motion] == [r for r in shown if r["metric"] not in of_motion]
+    assert {r["value"] for r in hidden if r["metric"] in of_motion} == {None}
     counts = [{r["code"]: r["count"] for r in json.loads((f / "faults.json").read_text())["rows"]}
               for f in (run, tmp_path / "plain")]  # fmt: skip
     assert counts[0] == counts[1]

@@ -1,0 +1,87 @@
+"""Compiled search for the moment at which two moving rectangles first touch."""
+
+import math
+
+import numpy as np
+
+from fbench.replay.data.arrays import Float64
+from fbench.replay.geometry.kernels import kernel, kernel_part
+
+
+@kernel_part
+def _place(body: Float64, time_s: float) -> tuple[float, float, float]:
+    """Place and heading after a time, of x, y, heading, course, speed, acceleration and turn rate (7,); the closed form
+    is that of `Motion.move`.
+    """
+    x, y, yaw, course, speed, acceleration, rate = body
+    t = time_s
+    if acceleration < 0 and speed < -acceleration * t:
+        t = speed / -acceleration
+    turned = rate * t
+    if abs(turned) < 1e-2:
+        z = turned * turned
+        first_x, first_y = 1 - z / 6, turned / 2 - turned * z / 24
+        second_x, second_y = 1 / 2 - z / 8, turned / 3 - turned * z / 30
+    else:
+        s, c = math.sin(turned), math.cos(turned)
+        first_x, first_y = s / turned, (1 - c) / turned
+        second_x, second_y = (s - first_y) / turned, (first_x - c) / turned
+    along = speed * t * first_x + acceleration * t * t * second_x
+    aside = speed * t * first_y + acceleration * t * t * second_y
+    c, s = math.cos(course), math.sin(course)
+    return x + along * c - aside * s, y + along * s + aside * c, yaw + turned
+
+
+@kernel_part
+def _gap(ego: Float64, ahead_m: float, body: Float64, half_ego: Float64, half_body: Float64, time_s: float) -> float:
+    """Distance of the rectangles along the axis that separates them most; negative where none does."""
+    x, y, yaw = _place(ego, time_s)
+    other_x, other_y, other_yaw = _place(body, time_s)
+    c, s = abs(math.cos(other_yaw - yaw)), abs(math.sin(other_yaw - yaw))
+    ego_c, ego_s, body_c, body_s = math.cos(yaw), math.sin(yaw), math.cos(other_yaw), math.sin(other_yaw)
+    dx, dy = other_x - x - ahead_m * ego_c, other_y - y - ahead_m * ego_s
+    gap = abs(dx * ego_c + dy * ego_s) - half_ego[0] - half_body[0] * c - half_body[1] * s
+    gap = max(gap, abs(dy * ego_c - dx * ego_s) - half_ego[1] - half_body[0] * s - half_body[1] * c)
+    gap = max(gap, abs(dx * body_c + dy * body_s) - half_body[0] - half_ego[0] * c - half_ego[1] * s)
+    return float(max(gap, abs(dy * body_c - dx * body_s) - half_body[1] - half_ego[0] * s - half_ego[1] * c))
+
+
+@kernel
+def meet(
+    egos: Float64, ahead_m: float, bodies: Float64, half_ego: Float64, half_bodies: Float64, horizon_s: float,
+    num_steps: int, halvings: int,
+) -> Float64:  # fmt: skip
+    """When (N,) each ego (N, 7) and body (N, 7), as `_place` has them, first touch; inf: not within the horizon.
+
+    The middle of an ego's rectangle is `ahead_m` before its place. The rectangles can't come near faster than both move
+    and turn, so as many steps are skipped as their gap allows.
+    Rectangles that overlap at once meet at 0 if they go on into each other, and not at all if they don't.
+    """
+    found = np.full(len(bodies), np.inf)
+    step_s = horizon_s / num_steps
+    radius_ego = math.hypot(half_ego[0], half_ego[1]) + abs(ahead_m)
+    for i in range(len(bodies)):
+        ego, body, half = egos[i], bodies[i], half_bodies[i]
+        fastest = ego[4] + max(ego[5], 0.0) * horizon_s + body[4] + max(body[5], 0.0) * horizon_s
+        fastest += abs(ego[6]) * radius_ego + abs(body[6]) * math.hypot(half[0], half[1])  # Corners swing out
+        gap = _gap(ego, ahead_m, body, half_ego, half, 0.0)
+        if gap <= 0:
+            if _gap(ego, ahead_m, body, half_ego, half, step_s) < gap - 1e-9:
+                found[i] = 0.0
+            continue
+        k = 0
+        while k < num_steps:
+            k += max(int(gap / max(fastest * step_s, 1e-9)), 1)
+            k = min(k, num_steps)
+            gap = _gap(ego, ahead_m, body, half_ego, half, k * step_s)
+            if gap <= 0:
+                low, high = (k - 1) * step_s, k * step_s
+                for _ in range(halvings):
+                    middle = (low + high) / 2
+                    if _gap(ego, ahead_m, body, half_ego, half, middle) > 0:
+                        low = middle
+                    else:
+                        high = middle
+                found[i] = high
+                break
+    return found

@@ -1,0 +1,1 @@
+"""Average precision as the Waymo Open Dataset counts it, also longitudinally tolerant (LET)."""
