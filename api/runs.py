@@ -20,8 +20,8 @@ from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import format_count, score_rows
 from fbench.replay.engine.clock import make_clock
-from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
+from fbench.replay.engine.plan import NUM_MEDIA, Plan
 from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.engine.shared import SharedLogs, SharedReader
 from fbench.replay.runs.folder import Run

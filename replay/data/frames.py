@@ -53,6 +53,8 @@ class Output:
     """
     digests: Mapping[str, str] = field(default_factory=dict)
     """Of what single stages gave, in the order in which they come; two runs are compared by them."""
+    cpu_ns: Mapping[str, int] = field(default_factory=dict)
+    """CPU time of stages [ns], where it is known, of the thread that ran each."""
 
     def __post_init__(self) -> None:
         kind, other = type(self.detections), type(self.tracks)
