@@ -96,6 +96,8 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
     ready_ns = [frame.ready_ns or 0 for frame in runs[0].frames]
     fixed_ns, lockstep = model.fixed_ns, runs[0].folder / IN_LOCKSTEP
     service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
+    if model.profile is not None:
+        service_ns = model.profile.draw_run_ns(model.seed, Run(lockstep))
     largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(request.budget_ms * 1e6))
     found = RateSweep(folder, rows, largest)
     replace_text(folder / "sweep.json", json.dumps(sweep_content(found), indent=1, allow_nan=False) + "\n")

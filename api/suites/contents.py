@@ -17,7 +17,8 @@ from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.contracts.variants import SUFFIX, sensors_of
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.formats.text import digest_of
-from fbench.replay.runs.manifest import describe_host, package_versions
+from fbench.replay.runs.host import describe_host
+from fbench.replay.runs.manifest import package_versions
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import log_source
 

@@ -23,6 +23,7 @@ from fbench.replay.data.scores import format_count
 from fbench.replay.engine.absence import LEAST_FRAMES
 from fbench.replay.engine.cleaning import check_faults
 from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.latency_profile import FrameContent
 from fbench.replay.engine.missing import MissingSensors
 from fbench.replay.engine.plan import Plan
 from fbench.replay.engine.service_queue import LatencyModel, Service, ServiceQueue
@@ -128,12 +129,19 @@ class _Loop:
     def _serve(self, item: tuple[Frame, Rig]) -> tuple[Step, int]:
         """Run the pipeline on a frame, say how much log time passes. Raises ConfigError where nobody measured it."""
         model, step = self._plan.latency or LatencyModel(), self.stepper.step(*item)
-        if model.fixed_ns is None and step.output is not None and step.output.clock != "host":
+        output = step.output
+        if model.fixed_ns is None and output is not None and output.clock != "host":
+            how = "measured" if model.profile is None else "profile"
             raise ConfigError(
-                f"--latency measured: the results of pipeline '{self._plan.name}' were computed elsewhere, so nothing "
-                "is measured here; give a time, such as --latency fixed:80ms"
+                f"--latency {how}: the results of pipeline '{self._plan.name}' were computed elsewhere, so nothing is "
+                "measured here; give a time, such as --latency fixed:80ms"
             )
-        return step, model.service_ns(step.total_ns)
+        if model.profile is None:
+            return step, model.service_ns(step.total_ns)
+        frame, num_boxes = item[0], 0 if output is None else len(output.detections)
+        content = FrameContent(frame.num_points, num_boxes, frame.num_pixels)
+        key = (model.seed, self._info.log_id, frame.index)
+        return step, model.service_ns(model.profile.draw_ns(*key, content, None if output is None else output.stage_ns))
 
     def _record(self, frame: Frame, rig: Rig, step: Step, service: Service[Step] | None = None) -> None:
         start, output, failed = time.perf_counter_ns(), step.output, step.failed
@@ -150,7 +158,9 @@ class _Loop:
             self._writer.add_boxes(name, frame.index, boxes)
         number, chain = frame.frame_number, self._chain
         parts = {} if output is None else output.digests
-        record = FrameRecord(frame.index, stamp, segment, number, missing, frame_digest, chain, failed, stages=parts)
+        facts = (frame.index, stamp, segment, number, missing, frame_digest, chain, failed)
+        points, pixels = frame.num_points, frame.num_pixels
+        record = FrameRecord(*facts, stages=parts, num_points=points, num_pixels=pixels)
         if self._plan.latency is not None:
             start_ns, done_ns = (None, None) if service is None else (service.start_ns, service.done_ns)
             ready_ns = self.stream.buffer.ready_ns[frame.index]
@@ -247,7 +257,11 @@ class _Loop:
         first, *changed = (manifest.rig_entry(segment, rig) for segment, rig in sorted(stream.rigs.items()))
         latency = None
         if plan.latency is not None:
-            how: dict[str, object] = {"service_ns": plan.latency.fixed_ns, "overload": str(plan.latency.policy)}
+            how: dict[str, object] = {
+                "profile": plan.latency.entry,
+                "service_ns": plan.latency.fixed_ns,
+                "overload": str(plan.latency.policy),
+            }
             how |= {"rate": float(plan.latency.rate), "num_dropped": self._num_dropped}
             latency = manifest.LatencyEntry.model_validate(how)
         limits = ("timeout_ns", "tolerance_ns", "max_gap_ns", "max_jump_ns")

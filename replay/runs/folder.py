@@ -28,6 +28,7 @@ B = TypeVar("B", Boxes2D, Boxes3D)
 _FRAMES_AT_ONCE = 256
 _STAGES = "stages"
 _MAPPINGS = ("missing", _STAGES)  # Fields of frames that are kept as JSON
+_CONTENT = ("num_points", "num_pixels")
 _OF_LATENCY = ("ready_ns", "start_ns", "done_ns")  # Fields of frames that runs in lockstep don't have
 FRAMES, POSE = "frames.parquet", "pose"  # The table of frames; its column that is there where the log has poses
 
@@ -55,6 +56,8 @@ class FrameRecord:
     start_ns: int | None = None  # Log time at which the pipeline began with it
     done_ns: int | None = None
     """Log time at which the pipeline was done with it; `None`: it was dropped."""
+    num_points: int | None = None  # Of LiDAR and radar that the frame held; `None`, as the next: the run doesn't say
+    num_pixels: int | None = None  # Of all images that the frame held
 
     @property
     def is_dropped(self) -> bool:
@@ -206,6 +209,8 @@ class Run:
         names = [f.name for f in fields(FrameRecord)]
         if _OF_LATENCY[0] not in table.column_names:
             names = [name for name in names if name not in _OF_LATENCY]
+        if _CONTENT[0] not in table.column_names:  # In runs of before they were counted
+            names = [name for name in names if name not in _CONTENT]
         if _STAGES not in table.column_names:  # In runs of before there were digests of stages
             names.remove(_STAGES)
         if sorted(set(table.column_names) - {POSE}) != sorted(names):
