@@ -74,3 +74,14 @@ def test_the_budget_is_kept_when_a_run_is_scored_again(fbench, log):
     refused = fbench("replay", log, "-p", "lidar3d", "--budget-ms", "0")
     assert refused.code == 2
     assert "--budget-ms 0: expected more than 0" in refused.err
+
+
+def test_compare_says_that_latencies_are_of_different_machines(fbench, log):
+    for name in ("a", "b"):
+        assert fbench("replay", log, "-p", "lidar3d", "-o", name, "--no-media").code == 0
+    assert "latencies" not in fbench("compare", "a", "b").out
+    host = json.loads(Path("b/host.json").read_text())
+    Path("b/host.json").write_text(json.dumps(host | {"cpu": "Other", "reference_ms": 9 * host["reference_ms"]}))
+    shown = fbench("compare", "a", "b")
+    assert shown.code == 0
+    assert f"latencies can't be compared: cpu {host['cpu']} and Other; the reference kernel took" in shown.out
