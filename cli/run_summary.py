@@ -72,7 +72,7 @@ def _show_latency(latency: dict[str, Any]) -> None:
     over, num, budget_ms = latency["over_budget"], latency["frames"], latency["budget_ms"]
     over_budget = f"{over} of {format_count(num, 'frame')} over the budget of {budget_ms:g} ms"
     say(over_budget if num else "no frame is left that warmed nothing up, so there is no latency")
-    outside = {row["stage"]: row for row in latency.get("outside", ()) if row["p50_ms"] is not None}
+    outside = {row["stage"]: row for row in latency.get("outside", ()) if row["p50_ms"] is not None and row["max_ms"]}
     if waits := outside.get(WAIT):
         say(
             f"frames waited {waits['p50_ms']:.2f} ms for their sensors (median), at most {waits['max_ms']:.2f} ms, "
