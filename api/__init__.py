@@ -2,6 +2,7 @@
 
 from fbench.api.bench import BenchRequest, OpenSuite, bench
 from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
+from fbench.api.profile import ProfileRequest, RecordedProfile, profile
 from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify
 from fbench.api.scores import FileScoreRequest, Resampling, ScoreRequest, ScoreResult, score, score_files
 from fbench.api.sweep import RateSweep, SweepRequest, sweep
@@ -20,7 +21,9 @@ __all__ = [
     "OpenLog",
     "OpenRun",
     "OpenSuite",
+    "ProfileRequest",
     "RateSweep",
+    "RecordedProfile",
     "ReplayRequest",
     "Resampling",
     "RunComparison",
@@ -33,6 +36,7 @@ __all__ = [
     "compare",
     "open_log",
     "open_run",
+    "profile",
     "replay",
     "report",
     "score",

@@ -18,7 +18,9 @@ def test_a_profile_is_recorded_and_drawn_from(fbench, log):
     assert (found["pipeline"], [stage["stage"] for stage in found["stages"]]) == ("lidar3d", names)
     assert found["host"]["reference_ms"] > 0
     how = ("--latency", "profile:profiles/mine.json", "--seed", "3", "--rate", "40", "--no-media")
-    run = fbench("replay", log, "-p", "lidar3d", *how, "-o", "a", "--json").json()
+    drawn = fbench("replay", log, "-p", "lidar3d", *how, "-o", "a", "--json")
+    assert drawn.code == 0, drawn.err
+    run = drawn.json()
     assert run["manifest"]["latency"]["profile"]["name"] == "mine.json"
     assert run["manifest"]["latency"]["profile"]["seed"] == 3
     assert fbench("replay", log, "-p", "lidar3d", *how, "-o", "b").code == 0
