@@ -3,6 +3,7 @@
 from fbench.api.bench import BenchRequest, OpenSuite, bench
 from fbench.api.controls import estimate_by_controls
 from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
+from fbench.api.profile import ProfileRequest, RecordedProfile, profile
 from fbench.api.relations import Relations, check_relations
 from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify
 from fbench.api.scores import FileScoreRequest, Resampling, ScoreRequest, ScoreResult, score, score_files
@@ -24,7 +25,9 @@ __all__ = [
     "OpenLog",
     "OpenRun",
     "OpenSuite",
+    "ProfileRequest",
     "RateSweep",
+    "RecordedProfile",
     "Relations",
     "ReplayRequest",
     "Resampling",
@@ -40,6 +43,7 @@ __all__ = [
     "estimate_by_controls",
     "open_log",
     "open_run",
+    "profile",
     "replay",
     "report",
     "score",

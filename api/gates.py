@@ -22,6 +22,7 @@ from fbench.replay.contracts.variants import read_config
 from fbench.replay.data.comparison import Comparison, ObjectChange, Row, State, WorstFrame
 from fbench.replay.data.scores import format_count
 from fbench.replay.formats.documents import TomlError, find_line, parse_toml
+from fbench.replay.runs.host import compare_hosts
 
 _MOST_OBJECTS = 100
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -184,6 +185,7 @@ def _compare_results(request: CompareRequest) -> Comparison:
     for pair in pairs:
         several = f"{pair.name}: " if len(pairs) > 1 else ""
         notes += [f"{several}{note}" for note in pair.notes]
+    notes += _compare_hosts(pairs)
     if request.reference == "base":
         from fbench.metrics.comparison.reference import compare_by_base
 
@@ -252,6 +254,17 @@ def _over_budget(policy: Policy, pairs: Sequence[CellPair], lacking: Sequence[st
         over = ((code, counts.get(code, 0), most) for code, most in budget.faults.items())
         found += [f"{format_count(num, 'fault')} {code}, {most} may be" for code, num, most in over if num > most]
     return found
+
+
+def _compare_hosts(pairs: Sequence[CellPair]) -> list[str]:
+    """Say in a line why latencies of base and head can't be compared, where the runs tell of their hosts."""
+    reasons: dict[str, None] = {}
+    for pair in pairs:
+        runs = [side.run for side in (pair.base, pair.head) if side.run is not None]
+        hosts = [run.json("host.json") for run in runs if (run.folder / "host.json").is_file()]
+        if len(hosts) == 2 and all(isinstance(host, dict) for host in hosts):
+            reasons |= dict.fromkeys(compare_hosts(*hosts))
+    return [f"latencies can't be compared: {'; '.join(reasons)}"] if reasons else []
 
 
 def _times(pair: CellPair, stage: str) -> tuple[tuple[list[int], object], tuple[list[int], object]]:

@@ -21,13 +21,14 @@ from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import format_count, score_rows
 from fbench.replay.engine.clock import make_clock
-from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
+from fbench.replay.engine.plan import NUM_MEDIA, Plan
 from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.engine.service_queue import MEASURED
 from fbench.replay.engine.shared import SharedLogs, SharedReader
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.manifest import VariantEntry, describe_host
+from fbench.replay.runs.host import EnergyMeter, describe_host, measure_reference_ms, peak_memory_mib
+from fbench.replay.runs.manifest import VariantEntry
 from fbench.replay.runs.redaction import public_name, public_pipeline
 from fbench.replay.runs.secrets import without_secrets
 from fbench.replay.setup.request import ReplayOptions, ReplayRequest
@@ -232,15 +233,19 @@ def replay(
         RunError: where the pipeline keeps failing.
     """
     options, name = request.resolve(), name_pipeline(request)
+    if options.latency is not None and options.latency.profile is not None:
+        options.latency.profile.require_pipeline(name_pipeline(replace(request, redact=False)))
     rate = "max" if request.latency is not None else request.rate  # with latency the queue has it, and nobody waits
     clock, start = make_clock(rate, options.sync.max_gap_ns), time.monotonic()
+    machine, energy = describe_host(), EnergyMeter.read()
     faults, variant, entry = FaultLog(), request.variant, None
     if variant is not None:
         sets = [parameter for parameter, _ in variant.settings]
         entry = VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
 
     def complete(folder: Path) -> None:
-        host = {**describe_host(), "rate": rate, "wall_s": round(time.monotonic() - start, 3)}
+        host = {**machine, "rate": rate, "wall_s": round(time.monotonic() - start, 3), **energy.describe_use()}
+        host |= {"peak_memory_mib": round(peak_memory_mib(), 1), "reference_ms": round(measure_reference_ms(), 3)}
         pace = clock.pace
         known = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
         host |= {"isolated": True} if request.isolate else {}
@@ -256,7 +261,7 @@ def replay(
             same = replace(request, latency=None, overload=None, rate="max", no_media=True, report=False)
             num_before = Run(folder).manifest.num_frames
             replay(replace(same, out=folder / IN_LOCKSTEP), lambda num: progress(num_before + num), shared=shared)
-        score_folder(folder, request.scoring)
+        score_folder(folder, request.scoring, budget_ms=request.budget_ms)
 
     with ExitStack() as opened, explain_losses(faults):
         pipeline, parameters = opened.enter_context(open_requested(request, options.settings))

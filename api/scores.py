@@ -1,6 +1,7 @@
 """Scoring of run folders and of results of other systems, from requests."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import reduce
@@ -29,6 +30,7 @@ FEWEST_RESAMPLES, MOST_RESAMPLES = 20, 100_000
 """Of fewer resamples the ends of 95 % are extremes of a handful; more take hours and memory and say nothing new."""
 _USUAL_RESAMPLES = 100
 OWN_PROFILE = "default"
+LATENCY = "latency.json"
 IN_LOCKSTEP = "lockstep"
 """Folder in that of a run with latency: the same replay without."""
 
@@ -190,7 +192,9 @@ def open_folder(folder: Path) -> Run:
     return run
 
 
-def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None) -> Run:
+def score_folder(
+    folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None, budget_ms: float | None = None
+) -> Run:
     """Write `scores.json`, `criticality.json` and `latency.json` into a run folder and return the run. Where the
     pipeline needed time, the same replay in lockstep, which is kept inside, is scored first, and streaming scores are
     written, too.
@@ -199,9 +203,10 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
         folder: Of the run.
         options: How boxes match, and which count.
         how: Resamples for confidence intervals of the scores; none by default.
+        budget_ms: Time that a frame may take; `None`: as before, else 100.
     """
     from fbench.metrics.criticality.metric import find_critical_errors
-    from fbench.metrics.latency import summarize
+    from fbench.metrics.latency import BUDGET_MS, summarize
     from fbench.metrics.runs.combine import score_run
     from fbench.metrics.runs.places import SharedRun
 
@@ -215,11 +220,22 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
         from fbench.metrics.runs.streaming import score_streaming
 
         scores += score_streaming(run, options, score_folder(folder / IN_LOCKSTEP, options).scores)
-    latency = json.dumps(summarize(run.frame_times, run.compiled_frames, run.clock), indent=1, allow_nan=False) + "\n"
+    times, budget = run.times, budget_ms or _read_budget_ms(run) or BUDGET_MS
+    table = summarize(times.stages, times.compiled_frames, times.clock, budget, times.cpu, times.outside)
+    latency = json.dumps(table, indent=1, allow_nan=False) + "\n"
     save_scores(folder / "scores.json", scores)
     save_critical_errors(folder, find_critical_errors(run, options))
-    replace_text(folder / "latency.json", latency)
+    replace_text(folder / LATENCY, latency)
     return Run(folder)
+
+
+def _read_budget_ms(run: Run) -> float | None:
+    """Return the budget that a run was measured against; `None` where it says none that makes sense."""
+    try:
+        given = float(run.json(LATENCY)["budget_ms"])
+    except (RunError, LookupError, TypeError, ValueError):
+        return None
+    return given if 0 < given < math.inf else None
 
 
 def _make_metrics() -> "list[Metric]":

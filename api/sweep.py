@@ -113,8 +113,11 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
             runs.append(run or replay(one, shared=shared, lockstep=lockstep).run)
         rows = [_row(run, float(rate), request.budget_ms) for run, rate in zip(runs, rates, strict=True)]
         ready_ns, lockstep = _ready_ns(runs[0]), runs[0].folder / IN_LOCKSTEP
-        fixed_ns = model.fixed_ns
-        service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
+        if model.profile is not None:
+            service_ns = model.profile.draw_run_ns(model.seed, Run(lockstep))
+        else:
+            fixed_ns = model.fixed_ns
+            service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
         largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(request.budget_ms * 1e6))
         names = runs[0].manifest.log.name, name_pipeline(request.replay), request.replay.latency or ""
         found = RateSweep(folder, *names, str(model.policy), request.budget_ms, rows, largest)

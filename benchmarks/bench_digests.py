@@ -9,7 +9,8 @@ from common import write_drive
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import make_pipeline
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.digest import START
 

@@ -28,6 +28,7 @@ from fbench.cli import (
     log_preview,
     log_simulate,
     plugins,
+    profile,
     replay,
     report,
     robust,
@@ -56,6 +57,7 @@ app.command("report", epilog=examples("report"))(report.report)
 app.command("compare", epilog=examples("compare"))(compare.compare)
 app.command("robust", epilog=examples("robust"))(robust.robust)
 app.command("sweep", epilog=examples("sweep"))(sweep.sweep)
+app.command("profile", epilog=examples("profile"))(profile.profile)
 app.command("verify", epilog=examples("verify"))(verify.verify)
 app.command("plugins", epilog=examples("plugins"))(plugins.plugins)
 log = typer.Typer(help="Inspect, check, convert, import, export, and simulate logs.", no_args_is_help=True)

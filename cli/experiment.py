@@ -11,7 +11,8 @@ from fbench.api.suites.logs import Drive
 from fbench.api.suites.plan import SuiteCell
 from fbench.replay.data.scores import Results, format_count
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.manifest import describe_host, package_versions
+from fbench.replay.runs.host import describe_host
+from fbench.replay.runs.manifest import package_versions
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
 

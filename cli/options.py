@@ -58,7 +58,10 @@ Condition = Annotated[
         "plugins conditions.",
     ),
 ]
-Seed = Annotated[int, Option(metavar="N", help="Random seed of conditions.")]
+Seed = Annotated[int, Option(metavar="N", help="Random seed of conditions, and of latency from a profile.")]
+BudgetMs = Annotated[
+    float, Option(metavar="MS", help="A frame misses its deadline if it isn't done so long after it was ready.")
+]
 ReadAhead = Annotated[str, Option(metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")]
 InterpolateTruthMs = Annotated[
     float,
@@ -127,7 +130,7 @@ Latency = Annotated[
     Option(
         metavar="HOW",
         help="Frames that come while the pipeline works wait or are dropped, and outputs count from when they are "
-        "ready: 'measured', or a time such as 'fixed:80ms'.",
+        "ready: 'measured', a time such as 'fixed:80ms', or 'profile:FILE' of fbench profile.",
     ),
 ]
 Overload = Annotated[
@@ -188,6 +191,10 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench robust log.mcap -p late3d,lidar3d",
         "fbench robust log.mcap -p late3d --suite faults --severity 3",
         "fbench robust a.mcap b.mcap -p late3d -p radar3d --condition fog:150m --condition dropout.lidar -o runs/mine",
+    ),
+    "profile": (
+        "fbench profile log.mcap -p late3d -o orin.json",
+        "fbench replay log.mcap -p late3d --latency profile:orin.json",
     ),
     "sweep": ("fbench sweep runs/demo/city.mcap -p lidar3d --latency fixed:80ms --rates 0.5,1,2",),
     "verify": (

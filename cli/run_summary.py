@@ -16,6 +16,7 @@ from fbench.replay.data.criticality import FILE, load_critical_errors
 from fbench.replay.data.scores import DASH, FORECAST, LOCKSTEP, STREAMING, format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import coverage_of, predictions_of
+from fbench.replay.runs.timings import WAIT
 
 _CRITICAL = ("critical_misses", "critical_false_alarms")
 _WORST = 3
@@ -92,6 +93,12 @@ def _show_latency(latency: dict[str, Any]) -> None:
     over, num, budget_ms = latency["over_budget"], latency["frames"], latency["budget_ms"]
     over_budget = f"{over} of {format_count(num, 'frame')} over the budget of {budget_ms:g} ms"
     say(over_budget if num else "no frame is left that warmed nothing up, so there is no latency")
+    outside = {row["stage"]: row for row in latency.get("outside", ()) if row["p50_ms"] is not None and row["max_ms"]}
+    if waits := outside.get(WAIT):
+        say(
+            f"frames waited {waits['p50_ms']:.2f} ms for their sensors (median), at most {waits['max_ms']:.2f} ms, "
+            "in log time"
+        )
     if latency["warm_up_frames"]:
         compiled = (
             f" (in {latency['compiled_frames']} code was compiled or loaded)" if latency["compiled_frames"] else ""

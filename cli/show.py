@@ -172,10 +172,15 @@ def score_notes(scores: Sequence[Score]) -> list[str]:
 
 def latency_table(latency: dict[str, Any]) -> Table:
     """One line a stage, in milliseconds."""
-    names = ("p50", "p95", "p99", "max")
-    table = make_table("stage", *(f"{name} ms" for name in names), right=[f"{name} ms" for name in names])
+    names = {"p50 ms": "p50_ms", "p95 ms": "p95_ms", "p99 ms": "p99_ms", "p99.9 ms": "p999_ms", "max ms": "max_ms"}
+    names["cpu ms"] = "cpu_mean_ms"
+    rare = ("p99.9 ms", "cpu ms")
+    names = {
+        n: k for n, k in names.items() if n not in rare or any(row.get(k) is not None for row in latency["stages"])
+    }
+    table = make_table("stage", *names, right=[*names])
     for row in latency["stages"]:
-        cells = (row[f"{name}_ms"] for name in names)
+        cells = (row.get(key) for key in names.values())
         table.add_row(row["stage"], *("–" if c is None else f"{c:.2f}" for c in cells))
     return table
 

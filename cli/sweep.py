@@ -21,9 +21,7 @@ def sweep(
     rates: Annotated[
         str, Option(metavar="RATE,RATE", help="How many times as fast as in real time the log passes.")
     ] = "0.5,1,2,4,8",
-    budget_ms: Annotated[
-        float, Option(metavar="MS", help="A frame misses its deadline if it isn't done so long after it was ready.")
-    ] = 100.0,
+    budget_ms: options.BudgetMs = 100.0,
     settings: options.Settings = None,
     config: options.Config = None,
     rig: options.RigFiles = None,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
-from fbench.metrics.latency import stage_latency
+from fbench.metrics.latency import nearest_rank
 from fbench.metrics.robustness.scenes import CLEAR, ScoredRun, Space, change, pool, spaces_of
 from fbench.replay.data.scores import Column, Figure, Line, ResultTable
 
@@ -122,7 +122,8 @@ def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) 
     for stage in (*stages, _TOTAL):
         figures = []
         for own in times.values():
-            value, num = stage_latency("", own.get(stage, []))["p50_ms"], len(own.get(stage, []))
+            ranked = sorted(own.get(stage, []))
+            value, num = nearest_rank(ranked, 50) / 1e6 if ranked else None, len(ranked)
             figures.append(
                 Figure(
                     value, None if num else "no such stage" if stage not in own else "no frame is left", {"frames": num}

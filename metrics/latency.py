@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from fractions import Fraction
 from statistics import median, stdev
 from typing import Any
 
@@ -10,25 +11,39 @@ from fbench.replay.data.scores import format_count
 
 NUM_WARM = 2
 """So many first frames of each stage don't count: caches, memory and sessions of other libraries are made there."""
+PERCENTILES: Mapping[str, int | Fraction] = {
+    "p50_ms": 50, "p90_ms": 90, "p95_ms": 95, "p99_ms": 99, "p999_ms": Fraction(999, 10)
+}  # fmt: skip
+"""In percent, by name in `latency.json`."""
+BUDGET_MS = 100.0
 _NS_PER_MS = 1e6
 _WHOLE = "total"
+_ELSEWHERE = "the pipeline ran in another process, or passed on what was computed elsewhere"
 Times = Mapping[str, Mapping[int, int]]
 """Times [ns] by stage, then by frame; `total` is the whole frame."""
 
 
 def summarize(
-    times: Times, compiled: Collection[int] = (), clock: ClockName = "host", budget_ms: float = 100.0
+    times: Times,
+    compiled: Collection[int] = (),
+    clock: ClockName = "host",
+    budget_ms: float = BUDGET_MS,
+    cpu: Times | None = None,
+    outside: Times | None = None,
 ) -> dict[str, Any]:
     """Summarize `Run.frame_times` for `latency.json`; the whole frame, `total`, is the last stage.
 
     Percentiles are by nearest rank: the smallest value that at least p % of the values don't exceed, so each is a
-    time that was measured. Of wall times a frame counts for nothing where it warmed something up (`warm_up_frames`);
+    time that was measured. A percentile is given from 100 / (100 - p) values on, so that it isn't merely the largest
+    one, else it is `None`. Of wall times a frame counts for nothing where it warmed something up (`warm_up_frames`);
     the first time of each stage is shown apart as `first_ms`. Of times from a log all count, as a system that was at
     work was warm before the log began. What no frame is left for is `None`, with a reason.
 
     `compiled` are the frames in which code was compiled or loaded; `clock` says whose times they are: wall times of
     this host, or times from a frame's instant to the recording of its result. `budget_ms` is the time that a frame may
     take.
+    `cpu` are CPU times by stage and frame, of which the mean is shown; `outside` are times that are no part of the
+    whole frame, which are summarized in the same form apart.
     """
     is_host = clock == "host"
     cold = warm_up_frames(times, compiled) if is_host else frozenset[int]()
@@ -38,6 +53,10 @@ def summarize(
     num_compiled = len(cold & set(compiled))
     rows = [stage_latency(stage, counted.get(stage, [])) for stage in stages]
     for row in rows:
+        known = [ns for frame, ns in (cpu or {}).get(row["stage"], {}).items() if frame not in cold]
+        row["cpu_mean_ms"] = sum(known) / len(known) / _NS_PER_MS if known else None
+        if row["count"] and not known:
+            row["cpu_reason"] = _ELSEWHERE
         first = next(iter(times.get(row["stage"], {}).values()), None)
         row["first_ms"] = first / _NS_PER_MS if is_host and first is not None else None
         if not row["count"]:
@@ -53,6 +72,7 @@ def summarize(
         "compiled_frames": num_compiled,
         "excluded": _describe(len(cold), num_compiled) if is_host else "",
         "stages": rows,
+        "outside": [stage_latency(stage, own) for stage, own in count_frames(outside or {}, cold).items()],
     }
 
 
@@ -70,10 +90,11 @@ def count_frames(times: Times, cold: Collection[int]) -> dict[str, list[int]]:
 
 
 def stage_latency(stage: str, times_ns: Sequence[int]) -> dict[str, Any]:
-    """Summarize times [ns] of a stage; `None`: there are none."""
+    """Summarize times [ns] of a stage; `None`: there are none, or too few."""
     ranked = sorted(times_ns)
     values = {
-        f"p{percent}_ms": nearest_rank(ranked, percent) / _NS_PER_MS if ranked else None for percent in (50, 95, 99)
+        name: nearest_rank(ranked, percent) / _NS_PER_MS if len(ranked) * (100 - percent) >= 100 else None
+        for name, percent in PERCENTILES.items()
     }
     return {
         "stage": stage,
@@ -84,7 +105,7 @@ def stage_latency(stage: str, times_ns: Sequence[int]) -> dict[str, Any]:
     }
 
 
-def nearest_rank(ranked: Sequence[int], percent: int) -> int:
+def nearest_rank(ranked: Sequence[int], percent: int | Fraction) -> int:
     """Return the smallest of the ascending, non-empty `ranked` that at least `percent` % of them don't exceed."""
     rank = -(-percent * len(ranked) // 100)
     return ranked[max(rank, 1) - 1]

@@ -9,7 +9,8 @@ from tests.replay.logs.other_forms import NO_SUMMARY, rewrite, shuffled_topics
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import make_pipeline
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.folder import Run
 

@@ -16,9 +16,10 @@ from fbench.replay.contracts.protocols import KeepsStderr
 from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.contracts.variants import SUFFIX, sensors_of
 from fbench.replay.data.scores import ScoreOptions
-from fbench.replay.engine.service_queue import MEASURED
+from fbench.replay.engine.service_queue import MEASURED, PROFILE
 from fbench.replay.formats.text import digest_of
-from fbench.replay.runs.manifest import describe_host, package_versions
+from fbench.replay.runs.host import describe_host
+from fbench.replay.runs.manifest import package_versions
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import log_source
 
@@ -56,13 +57,16 @@ class Contents:
         pipeline = self._part(self._pipeline, cell, (cell.pipeline, cell.settings, cell.sensors, cell.isolate))
         if pipeline is None:
             return None
-        options = _OPTIONS_OF_RUN if cell.latency is None else (*_OPTIONS_OF_RUN, *_OPTIONS_OF_LATENCY)
+        names = _OPTIONS_OF_RUN if cell.latency is None else (*_OPTIONS_OF_RUN, *_OPTIONS_OF_LATENCY)
+        options = {name: getattr(cell, name) for name in names}
+        if cell.latency and cell.latency.startswith(PROFILE):
+            options["latency"] = PROFILE + self._digest_of(Path(cell.latency.removeprefix(PROFILE)))
         return {
             "format": FORMAT,
             **(self._part(self._log, cell, cell.log) or {}),
             **pipeline,
             **(self._part(self._conditions, cell, cell.condition) or {}),
-            "options": {name: getattr(cell, name) for name in options},
+            "options": options,
             "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
             "media": not cell.no_media,
             **self._around,

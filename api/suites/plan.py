@@ -21,7 +21,7 @@ from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.data.files import file_name, with_digest
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
-from fbench.replay.engine.service_queue import make_latency
+from fbench.replay.engine.service_queue import PROFILE, make_latency
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import NO_CONFIG, LogRequest
@@ -144,16 +144,19 @@ def make_suite(text: SuiteText, beside: Path, out: Path) -> Suite:
     _require_unique(text, ("seeds",), file.seeds)
     _require_unique(text, ("scoring", "profiles"), file.scoring.profiles)
     given, scoring = file.replay, file.scoring
+    latency = given.latency
+    if latency and latency.startswith(PROFILE):
+        latency = PROFILE + os.path.join(beside, latency.removeprefix(PROFILE))
     for rate in file.rates:
         with _Place(text, ("replay", "latency")):
-            make_latency(given.latency, None, make_clock(rate, 0).rate)
+            make_latency(latency, None, make_clock(rate, 0).rate)
         with _Place(text, ("replay", "overload")):
-            make_latency(given.latency, given.overload, None)
+            make_latency(latency, given.overload, None)
     options = ReplayRequest(
         logs[0].request, pipelines[0].base, reference=given.reference, timeout_ms=given.timeout_ms,
         tolerance_ms=given.tolerance_ms, max_gap_s=given.max_gap_s, offset=given.offset, stamps=given.stamps,
         from_=given.from_, to=given.to, frames=given.frames, interpolate_truth_ms=given.interpolate_truth_ms,
-        latency=given.latency, overload=given.overload,
+        latency=latency, overload=given.overload,
         on_fault=given.on_fault, fault_budget=given.fault_budget, overwrite=True, no_media=not given.media,
         scoring=ScoreOptions(
             scoring.range_m, scoring.in_view, scoring.distance_m, scoring.iou, tuple(scoring.regions), scoring.seen

@@ -43,8 +43,8 @@ class Blocks:
         return block
 
     @cached_property
-    def _pairs(self) -> tuple[Int64, Int64]:
-        """Row and column (B,) of each value."""
+    def pairs(self) -> tuple[Int64, Int64]:
+        """Row and column (B,) of each value; takes several times the memory of the values."""
         return self._pairs_of(0, len(self.start) - 1)
 
     def _pairs_of(self, first: int, stop: int) -> tuple[Int64, Int64]:
@@ -60,7 +60,7 @@ class Blocks:
     def _stretches(self) -> Iterator[tuple[slice, Int64, Int64]]:
         """Yield where the values of some steps are, and row and column of each: of few enough to fit into memory."""
         if self.start[-1] <= _PAIRS_AT_ONCE:
-            yield slice(0, int(self.start[-1])), *self._pairs
+            yield slice(0, int(self.start[-1])), *self.pairs
             return
         first = 0
         while first < len(self.start) - 1:

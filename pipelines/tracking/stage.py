@@ -52,7 +52,7 @@ def predict_output(
     clock = clock or StageClock()
     with clock.stage("track"):
         tracks = predict()
-    return Output(tracks, tracks, clock.stage_ns, faults, missing)
+    return Output(tracks, tracks, clock.stage_ns, faults, missing, cpu_ns=clock.cpu_ns)
 
 
 class Memory(Protocol):
@@ -128,7 +128,9 @@ class TrackingPipeline(ABC, Generic[B]):
         with clock.stage("track"):
             tracks = self._tracker.step(found.boxes, frame.stamp_ns, pose)
         missing = {**self.missing, **found.missing}
-        return Output(found.boxes, tracks, clock.stage_ns, found.faults, missing, digests=clock.digests)
+        return Output(
+            found.boxes, tracks, clock.stage_ns, found.faults, missing, digests=clock.digests, cpu_ns=clock.cpu_ns
+        )
 
     @abstractmethod
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[B]: ...

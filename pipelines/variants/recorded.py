@@ -83,4 +83,4 @@ class Track(RecordedBoxes):
                 tracks = self._tracker2d.step(boxes, stamp_ns)
             else:
                 tracks = self._tracker3d.step(boxes, stamp_ns, found.world_T_body)
-        return Output(boxes, tracks, clock.stage_ns, found.faults, found.missing)
+        return Output(boxes, tracks, clock.stage_ns, found.faults, found.missing, cpu_ns=clock.cpu_ns)

@@ -1,5 +1,6 @@
 """Checks of parameters, and timing of the stages of one frame."""
 
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -50,8 +51,16 @@ def in_range(default: T, low: float, high: float = LIMIT) -> T:
     return field(default=default, metadata={"range": (low, high)})
 
 
+def synchronize_cuda() -> None:
+    """Wait for what torch has left to compute on a CUDA device; free where nothing is."""
+    cuda = sys.modules.get("torch.cuda")
+    if cuda is not None and cuda.is_initialized():
+        cuda.synchronize()
+
+
 class StageClock:
-    """Measures the wall time of named stages, in the order in which they first ran.
+    """Measures the time of named stages, in the order in which they first ran: of the wall, and of the processor, as
+    far as the thread that runs the stage used it. A stage ends when CUDA devices are done with it.
 
     The standard names are `decode`, `preprocess`, `calibrate`, `detect.camera`, `detect.lidar`, `detect.radar`,
     `fuse` and `track`.
@@ -59,6 +68,7 @@ class StageClock:
 
     def __init__(self) -> None:
         self.stage_ns: dict[str, int] = {}
+        self.cpu_ns: dict[str, int] = {}
         self.digests: dict[str, str] = {}
         """Of what stages gave, so that it can be told where two runs differ first."""
 
@@ -69,14 +79,20 @@ class StageClock:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time spent inside the `with` block to stage `name`."""
-        start = time.perf_counter_ns()
+        start, cpu_start = time.perf_counter_ns(), time.thread_time_ns()
         try:
             yield
         finally:
-            self.stage_ns[name] = self.stage_ns.get(name, 0) + time.perf_counter_ns() - start
+            synchronize_cuda()
+            cpu_ns = time.thread_time_ns() - cpu_start
+            self._add(name, time.perf_counter_ns() - start, cpu_ns)
 
     def include(self, other: "StageClock") -> None:
         """Add the times of another clock, which measured other stages, or others of the same name."""
         for name, ns in other.stage_ns.items():
-            self.stage_ns[name] = self.stage_ns.get(name, 0) + ns
+            self._add(name, ns, other.cpu_ns[name])
         self.digests |= other.digests
+
+    def _add(self, name: str, ns: int, cpu_ns: int) -> None:
+        self.stage_ns[name] = self.stage_ns.get(name, 0) + ns
+        self.cpu_ns[name] = self.cpu_ns.get(name, 0) + cpu_ns

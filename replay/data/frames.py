@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.boxes import Boxes
-from fbench.replay.data.messages import Message
+from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan
 
 ClockName: TypeAlias = Literal["host", "log"]
 """Whose time latencies are measured in: that of this machine, or that of the log."""
@@ -24,6 +24,16 @@ class Frame:
     missing: Mapping[str, str] = field(default_factory=dict)
     """Why an expected sensor isn't there, by sensor name."""
     frame_number: int | None = None
+
+    @property
+    def num_points(self) -> int:
+        """Points of all LiDARs and radars together."""
+        return sum(len(m.xyz) for m in self.messages.values() if isinstance(m, PointCloud | RadarScan))
+
+    @property
+    def num_pixels(self) -> int:
+        """Pixels of all images together."""
+        return sum(m.size_wh[0] * m.size_wh[1] for m in self.messages.values() if isinstance(m, Image))
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,8 @@ class Output:
     """
     digests: Mapping[str, str] = field(default_factory=dict)
     """Of what single stages gave, in the order in which they come; two runs are compared by them."""
+    cpu_ns: Mapping[str, int] = field(default_factory=dict)
+    """CPU time of stages [ns], where it is known, of the thread that ran each."""
 
     def __post_init__(self) -> None:
         kind, other = type(self.detections), type(self.tracks)

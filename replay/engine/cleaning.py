@@ -143,10 +143,11 @@ class OutputCheck:
         for key, value in texts.items():
             if not isinstance(key, str) or not isinstance(value, str):
                 raise DataError(f"Output.missing: expected texts, got {_short(key)}: {_short(value)}")
-        times: Mapping[Any, Any] = dict(output.stage_ns)
-        for stage, ns in times.items():
-            if not isinstance(stage, str) or not isinstance(ns, int | np.integer) or ns < 0:
-                raise DataError(f"Output.stage_ns: expected names and times [ns], got {_short(stage)}: {_short(ns)}")
+        for field, given in (("stage_ns", output.stage_ns), ("cpu_ns", output.cpu_ns)):
+            times: Mapping[Any, Any] = dict(given)
+            for stage, ns in times.items():
+                if not isinstance(stage, str) or not isinstance(ns, int | np.integer) or ns < 0:
+                    raise DataError(f"Output.{field}: expected names and times [ns], got {_short(stage)}: {_short(ns)}")
         if output.clock not in get_args(ClockName):
             raise DataError(f"Output.clock: expected {' or '.join(get_args(ClockName))}, got {_short(output.clock)}")
         check_faults("Output.faults", output.faults)

@@ -191,6 +191,7 @@ class FrameBuffer:
         self.opened_ns = array("q")  # Log time at which each frame opened, by its index
         self.ready_ns = array("q")
         """Log time at which each frame was there, by its index: complete, or given up for by time-out."""
+        self.first_ns = array("q")  # Log time at which the first message of each frame arrived, by its index
         self._is_numbered = False  # Whether frames have numbers, all of them or some
 
     def open_frame(self, message: Message | Tick) -> Iterator[Frame]:
@@ -308,6 +309,7 @@ class FrameBuffer:
         arrived_ns = max((frame.opened_ns, *(message.log_ns for message in frame.messages.values())))
         own_ns = max(frame.opened_ns, self._deadline_ns(frame)) if absent else arrived_ns
         self.ready_ns.append(max(own_ns, self.ready_ns[-1]) if self.ready_ns else own_ns)
+        self.first_ns.append(min((frame.opened_ns, *(message.log_ns for message in frame.messages.values()))))
         released = _Released(frame.index, frame.stamp_ns, frame.number, self._deadline_ns(frame), frozenset(absent))
         self._released = [*self._released[1 - _REMEMBERED :], released]
         missing = dict.fromkeys(absent, f"{NOT_THERE} {self._params.timeout_ns / 1e6:g} ms")

@@ -1,87 +1,42 @@
 """The one loop: log -> frames -> pipeline -> run folder."""
 
 import json
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
+from fbench.replay.conditions.disturb import DisturbedReader
 from fbench.replay.conditions.effects import Effects
-from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, LogError, MissingPackageError, RunError, one_line
-from fbench.replay.contracts.faults import FaultBudget, FaultLog
+from fbench.replay.contracts.errors import ConfigError, RunError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import guard
-from fbench.replay.contracts.protocols import (
-    GivesWarnings,
-    NeedsSensors,
-    Pipeline,
-    Reader,
-    SkipsFrames,
-    TellsIdentity,
-    Tracks,
-    UsesSensors,
-)  # fmt: skip
+from fbench.replay.contracts.protocols import GivesWarnings, NeedsSensors, Reader, TellsIdentity, Tracks, UsesSensors
 from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import format_count
 from fbench.replay.engine.absence import LEAST_FRAMES
-from fbench.replay.engine.cleaning import OutputCheck, check_faults
-from fbench.replay.engine.clock import Clock
-from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.cleaning import check_faults
 from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.latency_profile import FrameContent
 from fbench.replay.engine.missing import MissingSensors
+from fbench.replay.engine.plan import Plan
 from fbench.replay.engine.service_queue import LatencyModel, Service, ServiceQueue
 from fbench.replay.engine.shared import SharedReader
+from fbench.replay.engine.stepping import Step, Stepper
 from fbench.replay.engine.warm_up import WarmUp
-from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs import manifest
 from fbench.replay.runs.digest import START, digest, link
 from fbench.replay.runs.folder import FrameRecord, RunWriter
 from fbench.replay.runs.media import MediaKeeper
 from fbench.replay.runs.redaction import redact_manifest, redact_record, redact_rows
-from fbench.replay.runs.secrets import clean_mapping, without_secrets
-
-NUM_MEDIA = 8
-MAX_FAILURES_IN_A_ROW = 10  # A pipeline that fails on so many frames in a row is given up
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What to run and how."""
-
-    pipeline: Pipeline
-    name: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    sync: SyncParams = field(default_factory=SyncParams)
-    stamps: StampParams = field(default_factory=StampParams)
-    excerpt: Excerpt = field(default_factory=Excerpt)
-    topics: Sequence[str] = ()  # Patterns with which the log was opened, for the manifest
-    sensors: Sequence[str] = ()
-    """Patterns of the sensors that the pipeline gets, see `contracts.sensor_settings`; empty: all."""
-    variant: manifest.VariantEntry | None = None  # Which variant the pipeline is, for the manifest
-    inputs: Sequence[manifest.InputEntry] = ()  # Files that decided how it was read, for the manifest
-    disturbance: Disturbance = field(default_factory=Disturbance)  # What disturbs the messages
-    truth: manifest.TruthEntry | None = None  # The file that truth comes from, for the manifest
-    max_between_ns: int = 0
-    """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
-    clock: Clock = field(default_factory=Clock)
-    latency: LatencyModel | None = None
-    """How long the pipeline is taken to need, so that it misses frames that come meanwhile; `None`: lockstep."""
-    budget: FaultBudget = field(default_factory=FaultBudget)
-    """So much data may be lost without the run being incomplete."""
-    redact: bool = False  # Leave out of the run what tells whose log it is; see `redact`
-    num_media: int = NUM_MEDIA  # So many frames at least keep images and points for reports, where the log has as many
-    progress: Callable[[int], None] = lambda num_frames: None
-    failed: Callable[[BaseException], None] = lambda error: None
-    """Told of every exception that counts as a failed frame."""
+from fbench.replay.runs.secrets import clean_mapping
+from fbench.replay.runs.timings import OUTPUT, WAIT, WHOLE
 
 
 def replay(
@@ -105,7 +60,7 @@ def replay(
         reader = DisturbedReader(reader, plan.disturbance, effects, _find_used(plan, reader.rig))
     with RunWriter(folder, overwrite) as writer, closing(WarmUp()) as warm_up:
         loop = _Loop(reader, plan, faults, writer, warm_up, effects)
-        loop.start()
+        loop.stepper.start()
         for num_frames, _ in enumerate(loop.steps(reader), 1):
             plan.progress(num_frames)
         loop.require_results()
@@ -129,58 +84,29 @@ def _find_used(plan: Plan, rig: Rig) -> Callable[[str], bool]:
     return is_used
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """What running the pipeline on a frame gave."""
-
-    output: Output | None = None
-    failed: str | None = None
-    total_ns: int = 0  # Of the wall clock
-    compiled: bool = False  # Whether code was compiled or loaded meanwhile
-
-
 class _Loop:
     """The state of one replay."""
 
     def __init__(
         self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter, warm_up: WarmUp, effects: Effects
     ) -> None:
-        self._plan, self._faults, self._writer, self._warm_up = plan, faults, writer, warm_up
+        self._plan, self._faults, self._writer = plan, faults, writer
         self._effects = effects
         params = (plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors, plan.max_between_ns)
         self.stream = FrameStream(reader, *params)
-        self._rig, self._info = self.stream.rig, reader.info
+        self._info = reader.info
+        given = (plan, self.stream.rig, self._info, faults, warm_up)
+        self.stepper = Stepper(*given, self._disturb, lambda segment: self.stream.buffer.breaks[segment - 1])
         self._media = MediaKeeper(0 if plan.redact else plan.num_media)
-        self._check = OutputCheck(self._rig)
-        self._chain, self._failures = START, 0
+        self._chain = START
         self._num_detections = self._num_tracks = self._num_dropped = 0
         self._says_tracks = False  # Whether the pipeline ever said what it tracks, if only that it is nothing
-        self._segment: int | None = None
         self._missing = MissingSensors(self.stream)
-        self._recursion_limit = sys.getrecursionlimit()
 
-    def start(self) -> None:
-        """Start the pipeline. Raises LogError, naming a variant's base, where the log doesn't fit it, else RunError."""
-        for name in sorted({*self._rig.mounts, *self._rig.cameras}):
-            if (plain := without_secrets(name)) != name:
-                raise LogError(
-                    f"sensor '{plain}' has credentials or a query in its name; give it another in fbench.toml "
-                    "([sensors.NAME] with its topic), or leave it out with --topics"
-                )
-        rig = self._disturb_rig()
-        try:
-            with guard(f"pipeline '{self._plan.name}' can't start"):
-                self._plan.pipeline.start(rig, self._info)
-        except LogError as error:
-            if self._plan.variant is None:
-                raise
-            base = self._plan.variant.base
-            raise LogError(f"{error}; {self._plan.name} is a variant of {base}", error.code) from error
-
-    def _disturb_rig(self) -> Rig:
+    def _disturb(self, true: Rig) -> Rig:
         """Return the rig that the pipeline is given, maybe disturbed; results are judged by the true one."""
-        rig = self._plan.disturbance.rig(self._rig, self._info.log_id)
-        self._effects.add_rig(self._rig, rig)
+        rig = self._plan.disturbance.rig(true, self._info.log_id)
+        self._effects.add_rig(true, rig)
         return rig
 
     def steps(self, reader: Reader) -> Iterator[None]:
@@ -188,41 +114,37 @@ class _Loop:
         frames = ((frame, self.stream.rig) for frame in self.stream.frames(reader))
         if self._plan.latency is None:
             for frame, rig in frames:
-                self._record(frame, rig, self._step(frame, rig))
+                self._record(frame, rig, self.stepper.step(frame, rig))
                 yield
             return
         queue = ServiceQueue(self._plan.latency.policy, self._serve)
         arrivals = ((item, self.stream.buffer.ready_ns[item[0].index]) for item in frames)
         for (frame, rig), service in queue.run(arrivals):
             if service is None:
-                self._drop(frame)
-            self._record(frame, rig, _Step() if service is None else service.result, service)
+                self._num_dropped += 1
+                self.stepper.skip(frame)
+            self._record(frame, rig, Step() if service is None else service.result, service)
             yield
 
-    def _drop(self, frame: Frame) -> None:
-        self._num_dropped += 1
-        if isinstance(self._plan.pipeline, SkipsFrames):
-            with guard(f"pipeline '{self._plan.name}' can't skip frame {frame.index}"):
-                self._plan.pipeline.skip(frame)
-
-    def _serve(self, item: tuple[Frame, Rig]) -> tuple[_Step, int]:
+    def _serve(self, item: tuple[Frame, Rig]) -> tuple[Step, int]:
         """Run the pipeline on a frame, say how much log time passes. Raises ConfigError where nobody measured it."""
-        model, step = self._plan.latency or LatencyModel(), self._step(*item)
-        if model.fixed_ns is None and step.output is not None and step.output.clock != "host":
+        model, step = self._plan.latency or LatencyModel(), self.stepper.step(*item)
+        output = step.output
+        if model.fixed_ns is None and output is not None and output.clock != "host":
+            how = "measured" if model.profile is None else "profile"
             raise ConfigError(
-                f"--latency measured: the results of pipeline '{self._plan.name}' were computed elsewhere, so nothing "
-                "is measured here; give a time, such as --latency fixed:80ms"
+                f"--latency {how}: the results of pipeline '{self._plan.name}' were computed elsewhere, so nothing is "
+                "measured here; give a time, such as --latency fixed:80ms"
             )
-        return step, model.service_ns(step.total_ns)
+        if model.profile is None:
+            return step, model.service_ns(step.total_ns)
+        frame, num_boxes = item[0], 0 if output is None else len(output.detections)
+        content = FrameContent(frame.num_points, num_boxes, frame.num_pixels)
+        key = (model.seed, self._info.log_id, frame.index)
+        return step, model.service_ns(model.profile.draw_ns(*key, content, None if output is None else output.stage_ns))
 
-    def _step(self, frame: Frame, rig: Rig) -> _Step:
-        num_compiled, start = self._warm_up.count(), time.perf_counter_ns()
-        output, failed = self._run_pipeline(frame, rig)
-        total_ns = time.perf_counter_ns() - start
-        return _Step(output, failed, total_ns, self._warm_up.count() > num_compiled)
-
-    def _record(self, frame: Frame, rig: Rig, step: _Step, service: Service[_Step] | None = None) -> None:
-        output, failed = step.output, step.failed
+    def _record(self, frame: Frame, rig: Rig, step: Step, service: Service[Step] | None = None) -> None:
+        start, output, failed = time.perf_counter_ns(), step.output, step.failed
         stamp, segment = frame.stamp_ns, frame.segment
         results = None if output is None else self._note_tracks(output)
         self._missing.note(frame, len(self._writer.records))
@@ -236,7 +158,9 @@ class _Loop:
             self._writer.add_boxes(name, frame.index, boxes)
         number, chain = frame.frame_number, self._chain
         parts = {} if output is None else output.digests
-        record = FrameRecord(frame.index, stamp, segment, number, missing, frame_digest, chain, failed, stages=parts)
+        facts = (frame.index, stamp, segment, number, missing, frame_digest, chain, failed)
+        points, pixels = frame.num_points, frame.num_pixels
+        record = FrameRecord(*facts, stages=parts, num_points=points, num_pixels=pixels)
         if self._plan.latency is not None:
             start_ns, done_ns = (None, None) if service is None else (service.start_ns, service.done_ns)
             ready_ns = self.stream.buffer.ready_ns[frame.index]
@@ -245,9 +169,16 @@ class _Loop:
         if record.is_dropped:
             self._writer.add_frame(record, {})
         elif output is None or output.clock == "host":
-            self._writer.add_frame(record, {**stages, "total": step.total_ns}, "host", step.compiled)
+            cpu_ns = {
+                **({} if output is None else output.cpu_ns),
+                **({} if step.cpu_ns is None else {WHOLE: step.cpu_ns}),
+            }
+            self._writer.add_frame(record, {**stages, WHOLE: step.total_ns}, "host", step.compiled, cpu_ns)
         else:
-            self._writer.add_frame(record, {**stages, "total": sum(stages.values())} if stages else {}, "log")
+            self._writer.add_frame(record, {**stages, WHOLE: sum(stages.values())} if stages else {}, "log")
+        waited_ns = self.stream.buffer.ready_ns[frame.index] - self.stream.buffer.first_ns[frame.index]
+        self._writer.timings.add(frame.index, {WAIT: waited_ns}, "log", outside=True)
+        self._writer.timings.add(frame.index, {OUTPUT: time.perf_counter_ns() - start}, outside=True)
         self._media.offer(rig, frame)
 
     def _note_tracks(self, output: Output) -> tuple[Boxes, Boxes]:
@@ -269,38 +200,6 @@ class _Loop:
             if isinstance(self._plan.pipeline, Tracks) and (says := self._plan.pipeline.is_tracker) is not None:
                 return bool(says)
         return self._says_tracks and not self._num_detections
-
-    def _run_pipeline(self, frame: Frame, rig: Rig) -> tuple[Output | None, str | None]:
-        """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
-        pipeline, changed = self._plan.pipeline, None
-        if self._rig is not rig:
-            self._rig = rig
-            changed = self._disturb_rig()
-        try:
-            if changed is not None:
-                pipeline.start(changed, self._info)
-            if frame.segment != self._segment:  # a segment begins, or an excerpt in the middle of one
-                is_first, self._segment = self._segment is None, frame.segment
-                if frame.index:
-                    begins = f"replay begins with frame {frame.index}"
-                    pipeline.reset(begins if is_first else self.stream.buffer.breaks[frame.segment - 1])
-            output = self._check(pipeline.step(frame))
-        except (MissingPackageError, *INTERRUPTS):
-            raise
-        except BaseException as error:
-            self._failures += 1
-            self._plan.failed(error)
-            why, times = one_line(error), self._failures
-            if times >= MAX_FAILURES_IN_A_ROW:
-                raise RunError(f"pipeline '{self._plan.name}' failed on {times} frames in a row: {why}") from error
-            self._faults.add("PRD002", f"frame {frame.index}: {why}")
-            return None, why
-        finally:
-            sys.setrecursionlimit(self._recursion_limit)  # a plug-in may have changed it
-        self._failures = 0
-        for fault in output.faults:
-            self._faults.add(fault.code, f"frame {frame.index}: {fault.where}")
-        return output, None
 
     def require_results(self) -> None:
         """Refuse to write nothing. Raises LogError without a frame, RunError where all frames failed."""
@@ -344,7 +243,7 @@ class _Loop:
             return
         with guard(f"pipeline '{self._plan.name}' can't say which sensors it needs"):
             needed = sorted(set(pipeline.required_sensors() or ()) & set(self.stream.buffer.counts.arrivals))
-        for shortage in self._missing.find_shortages(needed, records, self._rig.kinds):
+        for shortage in self._missing.find_shortages(needed, records, self.stepper.rig.kinds):
             self._faults.add("FRM001", f"{shortage.sensor} {shortage.text}; {shortage.advice}")
 
     def manifest(self) -> manifest.Manifest:
@@ -358,7 +257,11 @@ class _Loop:
         first, *changed = (manifest.rig_entry(segment, rig) for segment, rig in sorted(stream.rigs.items()))
         latency = None
         if plan.latency is not None:
-            how: dict[str, object] = {"service_ns": plan.latency.fixed_ns, "overload": str(plan.latency.policy)}
+            how: dict[str, object] = {
+                "profile": plan.latency.entry,
+                "service_ns": plan.latency.fixed_ns,
+                "overload": str(plan.latency.policy),
+            }
             how |= {"rate": float(plan.latency.rate), "num_dropped": self._num_dropped}
             latency = manifest.LatencyEntry.model_validate(how)
         limits = ("timeout_ns", "tolerance_ns", "max_gap_ns", "max_jump_ns")

@@ -10,21 +10,23 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
 from typing import Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Int64
+from fbench.replay.engine.latency_profile import MOST_NS, LatencyProfile, load_profile
 from fbench.replay.runs.folder import FrameRecord
+from fbench.replay.runs.manifest import ProfileEntry
 
 T = TypeVar("T")
 R = TypeVar("R")
 Overload: TypeAlias = Literal["newest", "fifo", "skip"]
 MEASURED = "measured"
 MAX_DEPTH = 100_000
-MOST_NS = 86_400 * 10**9
-"""A frame takes at most a day of log time, so that instants are whole 64-bit numbers."""
+PROFILE = "profile:"
 _UNITS_NS = {"ns": 1, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000}
 _FIXED = re.compile(r"fixed:(\d{1,12}(?:\.\d{1,9})?)(ns|us|ms|s)", re.ASCII)
 _FIFO = re.compile(r"fifo:(\d{1,6})", re.ASCII)
@@ -52,33 +54,46 @@ class LatencyModel:
     """How long the pipeline takes for a frame, and what happens to frames that arrive meanwhile."""
 
     fixed_ns: int | None = None
-    """The same for each frame [ns, of the wall clock]; `None`: as measured in this run."""
+    """The same for each frame [ns, of the wall clock]; `None`: as measured in this run, or drawn from `profile`."""
     policy: OverloadPolicy = OverloadPolicy()
     rate: Fraction = Fraction(1)
     """Log time passes so many times as fast as the wall clock."""
+    profile: LatencyProfile | None = None
+    """Times are drawn from it, with `seed`; `None`: they aren't drawn."""
+    seed: int = 0
+    entry: ProfileEntry | None = None  # The profile's file, for the manifest
 
     def service_ns(self, measured_ns: int) -> int:
-        """Return how much log time [ns] passes while the pipeline works on a frame for which it took `measured_ns`."""
+        """Return how much log time [ns] passes while the pipeline works on a frame for which it took `measured_ns`, as
+        it was measured or drawn.
+        """
         return min(int((measured_ns if self.fixed_ns is None else self.fixed_ns) * self.rate), MOST_NS)
 
 
-def make_latency(latency: str | None, overload: str | None, rate: float | None) -> LatencyModel | None:
-    """Read `--latency` and `--overload`; `None`: lockstep. `rate` is that of the clock, `None` counts as real time.
-    Raises ConfigError where one can't be understood, or there is an overload without latency.
+def make_latency(latency: str | None, overload: str | None, rate: float | None, seed: int = 0) -> LatencyModel | None:
+    """Read `--latency` and `--overload`; `None`: lockstep. `rate` is that of the clock, `None` counts as real time;
+    `seed` is for what is drawn from a profile. Raises ConfigError where one can't be understood, a profile can't be
+    read, or there is an overload without latency.
     """
     if latency is None:
         if overload is not None:
             raise ConfigError(f"--overload {overload}: is about --latency, which is missing")
         return None
-    found = _FIXED.fullmatch(latency)
-    if found is None and latency != MEASURED:
-        raise ConfigError(f"--latency {latency}: expected 'measured', or a time such as 'fixed:80ms'")
+    found, path = _FIXED.fullmatch(latency), latency.removeprefix(PROFILE)
+    is_drawn = latency.startswith(PROFILE) and bool(path)
+    if found is None and latency != MEASURED and not is_drawn:
+        raise ConfigError(f"--latency {latency}: expected 'measured', a time such as 'fixed:80ms', or 'profile:FILE'")
     fixed_ns = None if found is None else round(Fraction(found[1]) * _UNITS_NS[found[2]])
     policy = OverloadPolicy() if overload is None else _make_policy(overload)
     times = Fraction("1" if rate is None else repr(rate))
     if fixed_ns is not None and fixed_ns * times > MOST_NS:
         raise ConfigError(f"--latency {latency}: is more than a day of log time, at {float(times):g}x")
-    return LatencyModel(fixed_ns, policy, times)
+    if not is_drawn:
+        return LatencyModel(fixed_ns, policy, times)
+    profile, digest = load_profile(Path(path))
+    return LatencyModel(
+        None, policy, times, profile, seed, ProfileEntry(name=Path(path).name, digest=digest, seed=seed)
+    )
 
 
 def _make_policy(text: str) -> OverloadPolicy:

@@ -1,7 +1,6 @@
 """Run folders: written under a temporary name and renamed when whole; read back as `Run`."""
 
 import json
-from array import array
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
@@ -12,7 +11,6 @@ from typing import Any, Literal, Self, TypeVar, get_args
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.data.arrays import Float64
@@ -24,12 +22,13 @@ from fbench.replay.data.scores import Score, load_scores
 from fbench.replay.runs.manifest import Manifest, load_manifest, save_manifest
 from fbench.replay.runs.media import MediaFrame, read_media, write_media
 from fbench.replay.runs.tables import BoxTable, BoxWriter, column_array, read_boxes, read_table, write_table
+from fbench.replay.runs.timings import Timings, TimingsWriter
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 _FRAMES_AT_ONCE = 256
-_CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
 _STAGES = "stages"
 _MAPPINGS = ("missing", _STAGES)  # Fields of frames that are kept as JSON
+_CONTENT = ("num_points", "num_pixels")
 _OF_LATENCY = ("ready_ns", "start_ns", "done_ns")  # Fields of frames that runs in lockstep don't have
 FRAMES, POSE = "frames.parquet", "pose"  # The table of frames; its column that is there where the log has poses
 
@@ -57,6 +56,8 @@ class FrameRecord:
     start_ns: int | None = None  # Log time at which the pipeline began with it
     done_ns: int | None = None
     """Log time at which the pipeline was done with it; `None`: it was dropped."""
+    num_points: int | None = None  # Of LiDAR and radar that the frame held; `None`, as the next: the run doesn't say
+    num_pixels: int | None = None  # Of all images that the frame held
 
     @property
     def is_dropped(self) -> bool:
@@ -83,8 +84,7 @@ class RunWriter:
         self.partial = self._draft.path
         self._records: list[FrameRecord] = []
         self._rows: dict[int, int] = {}
-        self._timings = {name: array("q") for name in ("frame", "stage", "ns", "clock", "compiled")}
-        self._stages: dict[str, int] = {}
+        self.timings = TimingsWriter()
         self._writers: dict[str, BoxWriter] = {}
         self._poses: Float64 | None = None
 
@@ -105,16 +105,17 @@ class RunWriter:
         return self._records
 
     def add_frame(
-        self, record: FrameRecord, stage_ns: Mapping[str, int], clock: ClockName = "host", compiled: bool = False
+        self,
+        record: FrameRecord,
+        stage_ns: Mapping[str, int],
+        clock: ClockName = "host",
+        compiled: bool = False,
+        cpu_ns: Mapping[str, int] | None = None,
     ) -> None:
-        """Append one frame, how long it took by that clock, and whether code was compiled or loaded meanwhile."""
+        """Append one frame and its times, see `TimingsWriter.add`."""
         self._rows[record.index] = len(self._records)
         self._records.append(record)
-        for stage, ns in stage_ns.items():
-            number = self._stages.setdefault(stage, len(self._stages))
-            row = (record.index, number, ns, _CLOCKS.index(clock), int(compiled))
-            for column, value in zip(self._timings.values(), row, strict=True):
-                column.append(value)
+        self.timings.add(record.index, stage_ns, clock, compiled, cpu_ns)
 
     def add_boxes(self, table: str, frame: int, boxes: Boxes) -> None:
         """Append the boxes of one frame to `detections`, `tracks`, `truth` or `truth_2d`."""
@@ -156,12 +157,7 @@ class RunWriter:
         self._writers = {}
         rows = [record.index for record in self._records]
         write_frames(self.partial / FRAMES, self._records, None if self._poses is None else self._poses[rows])
-        timings = {name: pa.array(np.frombuffer(column, np.int64)) for name, column in self._timings.items()}
-        for name, texts in (("stage", [*self._stages]), ("clock", _CLOCKS)):
-            coded = pa.DictionaryArray.from_arrays(timings[name], pa.array(texts, pa.string()))
-            timings[name] = coded.dictionary_decode()
-        timings["compiled"] = timings["compiled"].cast(pa.bool_())
-        write_table(self.partial / "timings.parquet", timings)
+        self.timings.write(self.partial / "timings.parquet")
         save_manifest(self.partial / "manifest.json", manifest)
         complete(self.partial)
         self._draft.publish()
@@ -213,6 +209,8 @@ class Run:
         names = [f.name for f in fields(FrameRecord)]
         if _OF_LATENCY[0] not in table.column_names:
             names = [name for name in names if name not in _OF_LATENCY]
+        if _CONTENT[0] not in table.column_names:  # In runs of before they were counted
+            names = [name for name in names if name not in _CONTENT]
         if _STAGES not in table.column_names:  # In runs of before there were digests of stages
             names.remove(_STAGES)
         if sorted(set(table.column_names) - {POSE}) != sorted(names):
@@ -284,35 +282,29 @@ class Run:
         return boxes
 
     @cached_property
+    def times(self) -> Timings:
+        """How long stages and frames took."""
+        return Timings(self.folder / "timings.parquet")
+
+    @property
     def clock(self) -> ClockName:
-        """Whose times `timings` are: those of the log as soon as the pipeline passed on one of them."""
-        return "log" if pc.any(pc.equal(self._timings["clock"], "log")).as_py() else "host"
+        """Whose times `timings` are."""
+        return self.times.clock
 
-    @cached_property
-    def _timings(self) -> pa.Table:
-        return read_table(self.folder / "timings.parquet")
-
-    @cached_property
+    @property
     def frame_times(self) -> dict[str, dict[int, int]]:
-        """Time [ns] of each stage by the frame in which it ran, in their order, and `total` of those that have one."""
-        table = self._timings.filter(pc.equal(self._timings["clock"], self.clock))
-        stages: dict[str, dict[int, int]] = {}
-        for batch in table.select(["stage", "frame", "ns"]).to_batches(max_chunksize=_FRAMES_AT_ONCE):
-            for stage, frame, ns in zip(*(column.to_pylist() for column in batch.columns), strict=True):
-                stages.setdefault(str(stage), {})[int(frame)] = int(ns)
-        return stages
+        """Time [ns] of each stage by frame, see `Timings.stages`."""
+        return self.times.stages
 
     @property
     def timings(self) -> dict[str, list[int]]:
         """Times [ns] as in `frame_times`, without the frames."""
         return {stage: list(times.values()) for stage, times in self.frame_times.items()}
 
-    @cached_property
+    @property
     def compiled_frames(self) -> frozenset[int]:
-        """Frames during which code was compiled, or loaded as compiled before; none where the run doesn't say."""
-        if "compiled" not in self._timings.column_names:
-            return frozenset()
-        return frozenset(self._timings.filter(self._timings["compiled"])["frame"].to_pylist())
+        """Frames during which code was compiled, or loaded as compiled before."""
+        return self.times.compiled_frames
 
     @cached_property
     def media(self) -> tuple[MediaFrame, ...]:

@@ -1,6 +1,5 @@
-"""The manifest of a run, and the host that it ran on. Equal inputs give equal bytes; host data live apart."""
+"""The manifest of a run. Equal inputs give equal bytes; data of the host live apart."""
 
-import os
 import platform
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
@@ -127,16 +126,27 @@ class InterpolationEntry(_Strict):
     num_frames: int = 0
 
 
+class ProfileEntry(_Strict):
+    """The file that times were drawn from."""
+
+    name: str  # Without the folder
+    digest: str  # blake2b over the file
+    seed: int  # Of the random numbers
+
+
 class LatencyEntry(_Strict):
     """How long the pipeline was taken to need for frames, and what became of those that came meanwhile."""
 
-    service_ns: int | None  # The same for each frame, in time of the wall clock; `None`: as measured in this run
+    service_ns: int | None  # The same for each frame, in time of the wall clock; `None`: measured in this run, or drawn
     overload: str  # `newest`, `skip` or `fifo:N`
     rate: float = 1.0  # Log time passed so many times as fast as the wall clock
     num_dropped: int  # Frames that the pipeline didn't get
+    profile: Annotated[ProfileEntry | None, Field(exclude_if=lambda entry: entry is None)] = None
+    """`None`: nothing was drawn."""
 
     def __str__(self) -> str:
         how = "measured" if self.service_ns is None else f"fixed:{self.service_ns / 1e6:.12g}ms"
+        how = how if self.profile is None else f"profile:{self.profile.name} with seed {self.profile.seed}"
         return f"{how}, overload {self.overload}, at {self.rate:g}x"
 
 
@@ -236,6 +246,9 @@ def save_manifest(path: Path, manifest: Manifest) -> None:
         inputs = [entry.model_copy(update={"name": ""}) for entry in manifest.inputs]
         truth = None if manifest.truth is None else manifest.truth.model_copy(update={"name": ""})
         manifest = manifest.model_copy(update={"inputs": inputs, "truth": truth})
+        if manifest.latency is not None and (profile := manifest.latency.profile) is not None:
+            profile = profile.model_copy(update={"name": ""})
+            manifest = manifest.model_copy(update={"latency": manifest.latency.model_copy(update={"profile": profile})})
     kept = Manifest.model_validate(clean_mapping(manifest.model_dump()))
     path.write_text(kept.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
@@ -266,17 +279,3 @@ def package_versions() -> dict[str, str]:
         except PackageNotFoundError:
             versions[name] = "absent"
     return versions
-
-
-def describe_host() -> dict[str, object]:
-    """The machine, for reading timings."""
-    return {"cpu": _cpu(), "cores": os.cpu_count(), "platform": platform.system(), "python": platform.python_version()}
-
-
-def _cpu() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()

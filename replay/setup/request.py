@@ -20,7 +20,7 @@ from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.excerpt import Excerpt, make_excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.read_ahead import make_limit
-from fbench.replay.engine.service_queue import LatencyModel, make_latency
+from fbench.replay.engine.service_queue import PROFILE, LatencyModel, make_latency
 from fbench.replay.logs.setup import BoxSource, StampParams
 from fbench.replay.setup.source import LogRequest, LogSource, log_source
 from fbench.replay.truth.times import make_max_between_ns
@@ -75,16 +75,19 @@ class ReplayRequest:
     condition: str = ""
     """Disturbances of the messages, such as `fog:3+dropout.radar:1`, or a TOML file; empty: none."""
     seed: int = 0
-    """Of the random numbers of conditions."""
+    """Of the random numbers of conditions, and of latency from a profile."""
     interpolate_truth_ms: float = 0.0
     """Frames without truth get it by interpolation between truths at most this far apart; 0: they don't."""
     out: Path | None = None
     """Run folder; `None`: `runs/LOG-PIPELINE`."""
     overwrite: bool = False
     latency: str | None = None
-    """How long the pipeline is taken to need: `measured`, or a time such as `fixed:80ms`; `None`: lockstep."""
+    """How long the pipeline is taken to need: `measured`, a time such as `fixed:80ms`, or drawn from `profile:FILE`;
+    `None`: lockstep."""
     overload: str | None = None
     """What becomes of frames that come meanwhile: `newest` (also by `None`), `skip` or `fifo:N`."""
+    budget_ms: float = 100.0
+    """A frame that takes longer misses its deadline; the run's table of latency counts them."""
     rate: str = "max"
     """Pace: `max`, or a multiple of real time such as `0.5`; with latency, how fast log time passes meanwhile."""
     read_ahead: str = "auto"
@@ -113,7 +116,11 @@ class ReplayRequest:
     def absolute(self) -> Self:
         """Return the same with paths that hold in every folder."""
         out = None if self.out is None else self.out.resolve()
-        return replace(self, log=self.log.absolute(), condition=with_absolute_files(self.condition), out=out)
+        latency = self.latency
+        if latency is not None and latency.startswith(PROFILE):
+            latency = f"{PROFILE}{Path(latency.removeprefix(PROFILE)).resolve()}"
+        condition = with_absolute_files(self.condition)
+        return replace(self, log=self.log.absolute(), condition=condition, out=out, latency=latency)
 
     def to_json(self) -> str:
         """Return it as one line, for another process."""
@@ -131,6 +138,8 @@ class ReplayRequest:
         source, sensors, settings = log_source(self.log), make_sensors(self.sensors), list(self.settings)
         if not 0 < self.frame_timeout_s < float("inf"):
             raise ConfigError(f"--frame-timeout-s {self.frame_timeout_s:g}: expected more than 0")
+        if not 0 < self.budget_ms < float("inf"):
+            raise ConfigError(f"--budget-ms {self.budget_ms:g}: expected more than 0")
         if self.detect_every is not None:
             if not self.isolate and _DETECT_EVERY not in pipeline_parameters(self.pipeline, []):
                 raise ConfigError(
@@ -149,7 +158,7 @@ class ReplayRequest:
             tuple(sensors_of(self.pipeline, sensors) if self.pipeline else sensors),
             make_limit(self.read_ahead),
             parse_budget(self.on_fault, self.fault_budget),
-            make_latency(self.latency, self.overload, make_clock(self.rate, 0).rate),
+            make_latency(self.latency, self.overload, make_clock(self.rate, 0).rate, self.seed),
         )
 
 

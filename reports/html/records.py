@@ -51,10 +51,13 @@ class Stage(_Record):
     count: int
     mean_ms: float | None = None
     p50_ms: float | None = None
+    p90_ms: float | None = None
     p95_ms: float | None = None
     p99_ms: float | None = None
+    p999_ms: float | None = None
     max_ms: float | None = None
     first_ms: float | None = None
+    cpu_mean_ms: float | None = None
     reason: str | None = None
 
 

@@ -68,7 +68,7 @@ def test_other_truth_counts_in_lockstep_too(fbench, tmp_path):
 @pytest.mark.parametrize(
     ("options", "line"),
     [
-        (["--latency", "80ms"], "--latency 80ms: expected 'measured', or a time such as 'fixed:80ms'"),
+        (["--latency", "80ms"], "--latency 80ms: expected 'measured', a time such as 'fixed:80ms'"),
         (["--overload", "skip"], "--overload skip: is about --latency, which is missing"),
         ([*SLOW[:2], "--overload", "fifo:0"], "--overload fifo:0: expected 'newest', 'skip', or 'fifo:N'"),
         (["--latency", "measured", "--rate", "0"], "--rate 0: expected 'max' or a positive number"),

@@ -14,7 +14,8 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
 from fbench.replay.data.rig import LogInfo, Mount, Rig
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.folder import Run
 

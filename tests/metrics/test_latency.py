@@ -27,8 +27,28 @@ def test_percentiles_are_measured_values() -> None:
     found = stage_latency("fuse", [i * MS for i in range(100, 0, -1)])
     assert found == {
         "stage": "fuse", "count": 100, "mean_ms": 50.5,
-        "p50_ms": 50.0, "p95_ms": 95.0, "p99_ms": 99.0, "max_ms": 100.0,
+        "p50_ms": 50.0, "p90_ms": 90.0, "p95_ms": 95.0, "p99_ms": 99.0, "p999_ms": None, "max_ms": 100.0,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "value"),
+    [("p50_ms", 2, 1), ("p90_ms", 10, 9), ("p95_ms", 20, 19), ("p99_ms", 100, 99), ("p999_ms", 1000, 999)],
+)
+def test_a_percentile_needs_a_value_above_it(name: str, least: int, value: int) -> None:
+    assert stage_latency("track", [i * MS for i in range(1, least)])[name] is None
+    assert stage_latency("track", [i * MS for i in range(1, least + 1)])[name] == value
+
+
+def test_cpu_time_and_times_outside_of_the_frame() -> None:
+    """Of CPU times the mean, without frames of warm-up; what isn't known has a reason."""
+    times = {"track": by_frame(9, 9, 2, 2), "total": by_frame(90, 90, 20, 30)}
+    cpu = {"total": by_frame(500, 500, 30, 50)}
+    found = summarize(times, cpu=cpu, outside={"wait": by_frame(0, 0, 30, 10)})
+    assert [row["cpu_mean_ms"] for row in found["stages"]] == [None, 40.0]
+    assert ["another process" in row.get("cpu_reason", "") for row in found["stages"]] == [True, False]
+    assert [(row["stage"], row["count"], row["max_ms"]) for row in found["outside"]] == [("wait", 2, 30.0)]
+    assert found["frames"] == 2
 
 
 def test_the_first_two_frames_of_a_stage_count_nowhere() -> None:
@@ -61,7 +81,7 @@ def test_times_from_a_log_have_no_warm_up() -> None:
     found = summarize(times, [1], "log")
     assert (found["clock"], found["frames"], found["over_budget"], found["excluded"]) == ("log", 3, 1, "")
     assert [(row["count"], row["first_ms"], row["p50_ms"]) for row in found["stages"]] == [(3, None, 81.0)] * 2
-    assert whole(summarize({"total": by_frame(80)}, clock="log"))["p99_ms"] == 80.0
+    assert whole(summarize({"total": by_frame(80)}, clock="log"))["max_ms"] == 80.0
     found = summarize(times)
     assert (found["clock"], found["frames"], whole(found)["first_ms"]) == ("host", 1, 80.0)
 

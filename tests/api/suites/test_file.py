@@ -12,6 +12,7 @@ from fbench.api.suites.file import SuiteText
 from fbench.api.suites.plan import make_suite, read_suite
 from fbench.api.suites.runner import group_of
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.engine.latency_profile import REST, LatencyProfile, StageModel
 from fbench.replay.formats.documents import find_line
 
 GOOD = """
@@ -70,10 +71,28 @@ def test_latency_is_for_all_cells_and_decides_what_they_are_made_of(tmp_path):
     assert contents.of(replace(timed[0], latency="measured")) is None
 
 
+def test_a_profile_of_latency_counts_by_what_is_in_it(tmp_path):
+    (tmp_path / "a.mcap").write_bytes(b"")
+    for folder, base_ns in (("slow", 80_000_000), ("also", 80_000_000), ("fast", 20_000_000)):
+        (tmp_path / folder).mkdir()
+        model = StageModel(stage=REST, base_ns=base_ns, ps_per_point=0, ps_per_box=0, ps_per_pixel=0)
+        facts = {"pipeline": "lidar3d", "log": "a", "repeats": 1, "host": {}}
+        recorded = LatencyProfile(stages=[model], residuals_ns=[[0]], **facts)
+        (tmp_path / folder / "orin.json").write_text(recorded.model_dump_json())
+    content = 'version = 1\nlogs = ["a.mcap"]\npipelines = ["lidar3d"]\n[replay]\nlatency = "profile:'
+    of = {
+        folder: [Contents().of(cell.request) for cell in suite_of(f'{content}{folder}/orin.json"', tmp_path).cells()]
+        for folder in ("slow", "also", "fast")
+    }
+    assert of["slow"] == of["also"] != of["fast"]
+    with pytest.raises(ConfigError, match=r"suite.toml:5: 'replay.latency': .*none.json: no such file"):
+        suite_of(f'{content}none.json"', tmp_path)
+
+
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ('latency = "80ms"', "suite.toml:6: 'replay.latency': 80ms: expected 'measured', or a time"),
+        ('latency = "80ms"', "suite.toml:6: 'replay.latency': 80ms: expected 'measured', a time"),
         ('overload = "skip"', "suite.toml:6: 'replay.overload': skip: is about --latency, which is missing"),
         ('latency = "measured"\noverload = "fifo:0"', "suite.toml:7: 'replay.overload': fifo:0: expected"),
     ],

@@ -14,7 +14,8 @@ from fbench.datasets.city.spec import VERSION, CitySpec, condition
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, Truth
 from fbench.replay.runs.digest import digest
-from fbench.replay.runs.manifest import describe_host, package_versions
+from fbench.replay.runs.host import describe_host
+from fbench.replay.runs.manifest import package_versions
 
 PINNED = Path(__file__).with_name("pinned.json")
 _DECIDE = ("numpy", "scipy", "numba", "llvmlite", "embreex", "opencv-python-headless")

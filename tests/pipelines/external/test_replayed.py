@@ -18,7 +18,8 @@ from tests.pipelines.external.programs import ROOT, wicked
 
 from fbench.replay.contracts.errors import RunError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.folder import Run
 

@@ -18,7 +18,8 @@ from fbench.replay.check.difference import (
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.scores import save_scores
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 
 
 def four(**fields):

@@ -8,7 +8,8 @@ from tests.replay.fakes import drive
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import entry_points_of, load, make_pipeline
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.runs.folder import Run
 
 OUTSIDER = '''

@@ -8,7 +8,8 @@ from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Output
 from fbench.replay.data.rig import Mount, Rig, RigChange
 from fbench.replay.engine.frame_buffer import SyncParams
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.runs.folder import Run
 
 NAMES = ("front_left", "front_right", "rear", "sensing/lidar/top", "cam[0]")

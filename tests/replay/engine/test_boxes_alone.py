@@ -15,7 +15,8 @@ from fbench.replay.contracts.plugins import give_log, make_pipeline
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.folder import Run
 from fbench.reports.html.scene import scenes

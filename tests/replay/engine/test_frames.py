@@ -16,7 +16,8 @@ from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt, make_excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.frames import FrameStream
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs.folder import Run
 

@@ -15,7 +15,8 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.engine.read_ahead import DEFAULT, make_limit, open_ahead
 
 LIMITS = [0, 1, 3, 64, None]

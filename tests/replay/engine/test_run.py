@@ -21,7 +21,8 @@ from fbench.replay.data.frames import Fault, Output
 from fbench.replay.data.messages import PointCloud, Pose, Truth
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.frame_buffer import SyncParams
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxWriter
 

@@ -114,9 +114,9 @@ def test_at_twice_the_rate_twice_as_much_log_time_passes():
     assert make_latency("measured", None, 0.1).service_ns(1_000_000_019) == 100_000_001
 
 
-@pytest.mark.parametrize("text", ["", "80ms", "fixed", "fixed:", "fixed:-1ms", "fixed:80", "fixed:nanms", "profile:a"])
+@pytest.mark.parametrize("text", ["", "80ms", "fixed", "fixed:", "fixed:-1ms", "fixed:80", "fixed:nanms", "profile:"])
 def test_a_latency_that_is_none_is_refused(text):
-    with pytest.raises(ConfigError, match=r"--latency .*: expected 'measured', or a time such as 'fixed:80ms'"):
+    with pytest.raises(ConfigError, match=r"--latency .*: expected 'measured', a time such as 'fixed:80ms'"):
         make_latency(text, None, None)
 
 

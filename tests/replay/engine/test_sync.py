@@ -14,8 +14,8 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.rig import LogInfo, Mount, Rig
 from fbench.replay.engine.frame_buffer import FrameBuffer, SyncParams, choose_reference, make_sync_params
-from fbench.replay.engine.loop import Plan
 from fbench.replay.engine.loop import replay as play_log
+from fbench.replay.engine.plan import Plan
 from fbench.replay.runs.folder import Run
 
 MS = 1_000_000

@@ -11,7 +11,8 @@ import pytest
 from tests.replay.fakes import Echo, drive
 
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.engine.warm_up import WarmUp
 from fbench.replay.runs.folder import Run
 

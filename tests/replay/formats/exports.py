@@ -11,7 +11,8 @@ from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.messages import Message, PointCloud, Pose, Truth
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.formats.export import Export, Exported, export
 from fbench.replay.formats.export_request import make_export_request
 from fbench.replay.formats.open import open_boxes

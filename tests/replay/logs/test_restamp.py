@@ -8,7 +8,8 @@ from tests.replay.fakes import MS, Echo, FakeLog, cloud, scan
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.engine.frame_buffer import SyncParams
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.setup import MAX_SKEW_NS, StampParams, make_stamp_params
 
 S = 1_000 * MS

@@ -16,7 +16,8 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.scores import Score, load_scores, save_scores
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxWriter, read_boxes
 

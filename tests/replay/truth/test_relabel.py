@@ -13,7 +13,8 @@ from fbench.replay.data.messages import Pose
 from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
-from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.loop import replay
+from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.setup import BoxSource, StampParams
 from fbench.replay.runs.folder import Run
 from fbench.replay.truth.relabel import relabel
