@@ -27,14 +27,14 @@ _NAMES = {
 
 
 def outcomes_of(run: Run, options: ScoreOptions) -> dict[str, dict[Place, str]]:
-    """Return what became of the boxes of `truth`, `detections` and `tracks` in the run's own space, as the scores count
-    them; `truth` is compared with detections. All vehicles are one class; other labels are compared one by one where
+    """Return what became of the boxes of `truth` (or `truth_2d`), `detections` and `tracks` in the run's own space, as
+    the scores count them; truth is compared with detections. All vehicles are one class; other labels are compared one by one where
     the pipeline knows them. Boxes of frames without truth are left out. Raises MetricError where an id occurs twice in
     a frame (GT003).
     """
     shared = SharedRun(run.folder)
     detected, tracked = (views(shared, table, options)[0] for table in (shared.detections, shared.tracks))
-    found: dict[str, dict[Place, str]] = {"truth": {}, "detections": {}, "tracks": {}}
+    found: dict[str, dict[Place, str]] = {name: {} for name in ("truth", "truth_2d", "detections", "tracks")}
     if detected.key.reason:
         return found
     require_unique_ids(tracked.sequence, str(run.folder))
@@ -47,13 +47,13 @@ def outcomes_of(run: Run, options: ScoreOptions) -> dict[str, dict[Place, str]]:
             for row, outcome in zip(judgement.candidates.estimate_row, judgement.outcome, strict=True):
                 _set(found[name], places[row], _NAMES[Outcome(outcome)])
         if name == "detections":
-            truth = view.sequence.truth
-            of_truth = list(_places(truth, view, shared.truth_table("2d" if truth.center_m is None else "3d")))
-            found["truth"] = dict.fromkeys(of_truth, "ignored")
+            truth, is_2d = view.sequence.truth, view.sequence.truth.center_m is None
+            of_truth = list(_places(truth, view, shared.truth_table("2d" if is_2d else "3d")))
+            own = found["truth_2d" if is_2d else "truth"] = dict.fromkeys(of_truth, "ignored")
             for judgement in judgements:
                 hit = set(judgement.truth_of_estimate.tolist())
                 for number, row in enumerate(judgement.candidates.truth_row):
-                    _set(found["truth"], of_truth[row], "hit" if number in hit else "missed")
+                    _set(own, of_truth[row], "hit" if number in hit else "missed")
     return found
 
 
