@@ -15,7 +15,9 @@ def report(
     kind: Annotated[str, Option(help="Report plug-in to use.")] = "html",
     overlay: Annotated[
         Path | None,
-        Option(metavar="FILE.mcap", help="Also write the results of one RUN for Foxglove and Lichtblick, and a layout."),
+        Option(
+            metavar="FILE.mcap", help="Also write the results of one RUN for Foxglove and Lichtblick, and a layout."
+        ),
     ] = None,
     log: Annotated[
         Path | None, Option(metavar="LOG", help="Copy the messages of the log that was replayed into the overlay.")
@@ -25,7 +27,9 @@ def report(
     ] = None,
     figures: Annotated[
         Path | None,
-        Option(metavar="FOLDER", help="Also draw figures for papers as SVG and PNG; a folder of fbench robust may be RUN."),
+        Option(
+            metavar="FOLDER", help="Also draw figures for papers as SVG and PNG; a folder of fbench robust may be RUN."
+        ),
     ] = None,
 ) -> None:
     """Write one self-contained report of one or several runs, and other forms of it."""
@@ -39,7 +43,10 @@ def report(
         raise ConfigError(f"--overlay shows the results of one RUN, not of {len(runs)}")
     if log is not None and overlay is None:
         raise ConfigError("--log goes with --overlay FILE.mcap, into which its messages are copied")
-    if not reports.is_suite(runs):
+    is_suite = reports.is_suite(runs)
+    if is_suite and (overlay is not None or out is not None or (tables is None and figures is None)):
+        raise ConfigError(f"{runs[0]}: is a suite, which has its report; of it there are --tables and --figures")
+    if not is_suite:
         say(f"report: {write_report(runs, out, kind)}")
     if overlay is not None:
         say(*(f"overlay: {path}" for path in reports.overlay(runs[0], overlay, log)))
@@ -47,4 +54,5 @@ def report(
         say(f"tables: {tables} ({len(reports.tables(runs, tables))} files)")
     if figures is not None:
         say(f"figures: {figures} ({len(reports.figures(runs, figures))} files)")
-    raise typer.Exit(EXIT_OK if all(open_run(folder).complete for folder in runs) else EXIT_LOSSY)
+    whole = is_suite or all(open_run(folder).complete for folder in runs)
+    raise typer.Exit(EXIT_OK if whole else EXIT_LOSSY)

@@ -28,9 +28,9 @@ _NAMES = {
 
 def outcomes_of(run: Run, options: ScoreOptions) -> dict[str, dict[Place, str]]:
     """Return what became of the boxes of `truth` (or `truth_2d`), `detections` and `tracks` in the run's own space, as
-    the scores count them; truth is compared with detections. All vehicles are one class; other labels are compared one by one where
-    the pipeline knows them. Boxes of frames without truth are left out. Raises MetricError where an id occurs twice in
-    a frame (GT003).
+    the scores count them; truth is compared with detections. All vehicles are one class; other labels are compared one
+    by one where the pipeline knows them. Boxes of frames without truth are left out. Raises MetricError where an id
+    occurs twice in a frame (GT003).
     """
     shared = SharedRun(run.folder)
     detected, tracked = (views(shared, table, options)[0] for table in (shared.detections, shared.tracks))
