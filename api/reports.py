@@ -28,7 +28,7 @@ def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreO
         MetricError: where an id is twice in a frame.
     """
     from fbench.metrics.runs.outcomes import outcomes_of
-    from fbench.reports.overlay.file import write_overlay
+    from fbench.reports.overlay.file import OWN, Names, write_overlay
 
     opened = open_folder(Path(run))
     reader = None if log is None else open_log(log, FaultLog())
@@ -36,7 +36,10 @@ def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreO
     if reader is not None and not opened.manifest.redacted and reader.info.log_id != entry.log_id:
         raise ConfigError(f"{log}: isn't the log of {run}, which is '{entry.name}' with id {entry.log_id}")
     outcomes = outcomes_of(opened, options or ScoreOptions())
-    return write_overlay(opened, outcomes, out, None if reader is None else reader.container)
+    if reader is None:
+        return write_overlay(opened, outcomes, out)
+    frames = reader.coordinate_frames
+    return write_overlay(opened, outcomes, out, reader.container, Names(frames.body, frames.world or OWN.world))
 
 
 def tables(runs: Sequence[Path | str], folder: Path) -> list[Path]:

@@ -132,7 +132,12 @@ def _sources(row: Mapping[str, Any]) -> str:
     return "".join(source.name or "" for source in Source if row["sources"] & source.value)
 
 
+def plain_name(text: str) -> str:
+    """Return a text from data on one line, with what acts or hides written visibly."""
+    return " ".join(visible(text).split())
+
+
 def one_line(text: str) -> str:
-    """Return a text from data as one short line, with what acts or hides written visibly."""
-    line = " ".join(visible(text).split())
+    """Return a text as `plain_name` does, shortened."""
+    line = plain_name(text)
     return line if len(line) <= _MAX_TEXT else f"{line[: _MAX_TEXT - 1]}…"

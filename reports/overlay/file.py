@@ -4,6 +4,7 @@ import heapq
 import json
 from collections import deque
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -30,7 +31,7 @@ from fbench.replay.logs.coordinate_frames import BODY
 from fbench.replay.runs.folder import FrameRecord, Run
 from fbench.reports.html.records import visible
 from fbench.reports.html.scene import box_rows
-from fbench.reports.overlay.draw import UPRIGHT, Side, describe, draw_box, facts, one_line, outline_box
+from fbench.reports.overlay.draw import UPRIGHT, Side, describe, draw_box, facts, one_line, outline_box, plain_name
 from fbench.reports.overlay.layout import layout
 
 Outcomes: TypeAlias = Mapping[str, Mapping[tuple[int, str], str]]
@@ -41,9 +42,27 @@ TOPICS = "/fbench"  # What the overlay's topics begin with
 _TRAIL_NS = 3_000_000_000
 
 
-def write_overlay(run: Run, outcomes: Outcomes, out: Path, log: Container | None = None) -> list[Path]:
-    """Write the results of a run to `out`, after the messages of its `log` if that is given, and a layout for both
-    beside it; return both paths. Equal runs give equal bytes.
+@dataclass(frozen=True)
+class Names:
+    """What the log calls coordinate frames."""
+
+    body: str = BODY
+    world: str = WORLD
+
+    @property
+    def are_own(self) -> bool:
+        """Whether the log is one of fbench, whose transforms don't tell where the body is."""
+        return self.body == BODY
+
+
+OWN = Names()
+
+
+def write_overlay(
+    run: Run, outcomes: Outcomes, out: Path, log: Container | None = None, names: Names = OWN
+) -> list[Path]:
+    """Write the results of a run to `out`, among the messages of its `log` if that is given, and a layout for both
+    beside it; return both paths. Equal runs give equal bytes. Transforms of logs with other `names` are left to them.
 
     Boxes are colored by `outcomes`, those without one by what they are. Text that acts or hides, such as control
     characters, is written visibly. Raises ConfigError where the file can't be written, or the log is the file itself
@@ -55,14 +74,15 @@ def write_overlay(run: Run, outcomes: Outcomes, out: Path, log: Container | None
     recorded = [] if log is None else [_copy(log)]
     writer = RawMcapWriter(out, about)
     try:
-        for log_ns, message in heapq.merge(*recorded, _results(run, outcomes), key=lambda item: item[0]):
+        for log_ns, message in heapq.merge(*recorded, _results(run, outcomes, names), key=lambda item: item[0]):
             writer.add(message.channel, log_ns, message.publish_ns, message.sequence, message.data)
         writer.close()
     finally:
         writer.discard()
     beside = out.with_suffix(".layout.json")
     sides = [name for name in ("truth", "detections", "tracks") if name != "truth" or _has_truth(run)]
-    replace_text(beside, json.dumps(layout(_cameras(run), sides, TOPICS, has_world=_has_world(run)), indent=1) + "\n")
+    content = layout(_cameras(run), sides, TOPICS, plain_name(names.body), has_world=_has_world(run))
+    replace_text(beside, json.dumps(content, indent=1) + "\n")
     return [out, beside]
 
 
@@ -86,18 +106,20 @@ def _cameras(run: Run) -> list[str]:
     return sorted({*run.manifest.rig.cameras, *run.manifest.images})
 
 
-def _results(run: Run, outcomes: Outcomes) -> Iterator[tuple[int, Encoded]]:
+def _results(run: Run, outcomes: Outcomes, names: Names) -> Iterator[tuple[int, Encoded]]:
     """Yield all messages of the overlay, each at the instant of its frame."""
     sides = [Side(name, getattr(run, name), outcomes.get(name, {})) for name in ("detections", "tracks")]
     truths = [Side("truth", run.truth_table(space), outcomes.get(name, {}))
               for space, name in (("2d", "truth_2d"), ("3d", "truth"))] if _has_truth(run) else []  # fmt: skip
-    trails, segment = _Trails(), -1
+    trails, segment = _Trails(plain_name(names.world)), -1
     for number, frame in enumerate(run.frames):
         rig, stamp_ns = run.manifest.rig_of(frame.segment), frame.stamp_ns
-        records = [*_transforms(run, number, rig, is_new=frame.segment != segment), *_notes(frame)]
+        records = [*_notes(frame)]
+        if names.are_own:
+            records += _transforms(run, number, rig, is_new=frame.segment != segment)
         if frame.segment != segment:
-            trails, segment = _Trails(), frame.segment
-        records += _boxes(frame, rig, [*sides, *truths], _cameras(run))
+            trails, segment = _Trails(plain_name(names.world)), frame.segment
+        records += _boxes(frame, rig, [*sides, *truths], _cameras(run), plain_name(names.body))
         records += trails.add(frame, run.poses[number], sides[1])
         for record in records:
             yield stamp_ns, encode(record, stamp_ns)
@@ -108,7 +130,7 @@ def _transforms(run: Run, number: int, rig: Rig, *, is_new: bool) -> Iterator[Re
     frame, pose = run.frames[number], run.poses[number]
     placed = [(WORLD, BODY, pose[:3], pose[3:])] if np.isfinite(pose).all() else []
     if is_new:
-        placed += [(BODY, one_line(name), m.translation_m, m.rotation_xyzw) for name, m in sorted(rig.mounts.items())]
+        placed += [(BODY, plain_name(name), m.translation_m, m.rotation_xyzw) for name, m in sorted(rig.mounts.items())]
     proto, stamp = FrameTransforms(), timestamp(frame.stamp_ns)
     for parent, child, place, turn in placed:
         proto.transforms.add(
@@ -131,7 +153,7 @@ def _notes(frame: FrameRecord) -> Iterator[Record]:
         yield Record(f"{TOPICS}/log", {}, note)
 
 
-def _boxes(frame: FrameRecord, rig: Rig, sides: list[Side], cameras: list[str]) -> Iterator[Record]:
+def _boxes(frame: FrameRecord, rig: Rig, sides: list[Side], cameras: list[str], body: str) -> Iterator[Record]:
     """Draw the boxes of all sides, in space and in each camera; empty messages remove what was there."""
     scenes = {side.name: SceneUpdate() for side in sides}
     images = {(side.name, camera): ImageAnnotations() for side in sides for camera in cameras}
@@ -146,7 +168,7 @@ def _boxes(frame: FrameRecord, rig: Rig, sides: list[Side], cameras: list[str]) 
             outcome, scene = side.outcome(first + at), scenes[side.name]
             entity = None if row.get("invalid") else draw_box(boxes, at, row, side, outcome)
             if entity is not None:
-                entity.id, entity.frame_id = f"{side.name} {len(scene.entities)}", BODY
+                entity.id, entity.frame_id = f"{side.name} {len(scene.entities)}", body
                 entity.timestamp.CopyFrom(stamp)
                 for key, value in (facts(row) | {"outcome": outcome, "row": str(first + at)}).items():
                     entity.metadata.add(key=key, value=value)
@@ -160,13 +182,14 @@ def _boxes(frame: FrameRecord, rig: Rig, sides: list[Side], cameras: list[str]) 
         yield Record(f"{TOPICS}/{name}", {}, scene)
     for (name, camera), annotations in images.items():
         annotations.timestamp.CopyFrom(stamp)
-        yield Record(f"{TOPICS}/{name}/{one_line(camera)}", {}, annotations)
+        yield Record(f"{TOPICS}/{name}/{plain_name(camera)}", {}, annotations)
 
 
 class _Trails:
     """Where tracks were in the last seconds, in world coordinates."""
 
-    def __init__(self) -> None:
+    def __init__(self, world: str) -> None:
+        self._world = world
         self._places: dict[int, deque[tuple[int, Any]]] = {}
 
     def add(self, frame: FrameRecord, pose: Any, side: Side) -> Iterator[Record]:
@@ -190,5 +213,5 @@ class _Trails:
                 color=side.color(side.outcome(first + at), 0.8),
                 points=[{"x": x, "y": y, "z": z} for x, y, z in (place.tolist() for _, place in places)],
             )  # fmt: skip
-            scene.entities.add(id=f"trail {at}", frame_id=WORLD, timestamp=stamp, lines=[line])
+            scene.entities.add(id=f"trail {at}", frame_id=self._world, timestamp=stamp, lines=[line])
         yield Record(f"{TOPICS}/trails", {}, scene)

@@ -3,19 +3,18 @@
 from collections.abc import Sequence
 from typing import Any
 
-from fbench.replay.logs.coordinate_frames import BODY
-from fbench.reports.html.records import visible
+from fbench.reports.overlay.draw import plain_name
 
 _MOST_CAMERAS = 6  # More pictures are too small to see anything
 
 
-def layout(cameras: Sequence[str], sides: Sequence[str], topics: str, *, has_world: bool) -> dict[str, Any]:
-    """Return the layout for boxes of `sides` below `topics`, and for logs whose images are at `/CAMERA/image`."""
+def layout(cameras: Sequence[str], sides: Sequence[str], topics: str, body: str, *, has_world: bool) -> dict[str, Any]:
+    """Return the layout for boxes of `sides` below `topics`, around `body`, and for logs whose images are at `/CAMERA/image`."""
     shown = [*sides, *(["trails"] if has_world else [])]
     panels: dict[str, dict[str, Any]] = {
         "3D!scene": {
             "followMode": "follow-pose",
-            "followTf": BODY,
+            "followTf": body,
             "cameraState": {
                 "distance": 60, "perspective": True, "phi": 45, "thetaOffset": 90, "target": [0, 0, 0],
                 "targetOffset": [10, 0, 0], "targetOrientation": [0, 0, 0, 1], "fovy": 45, "near": 0.5, "far": 5000,
@@ -23,14 +22,14 @@ def layout(cameras: Sequence[str], sides: Sequence[str], topics: str, *, has_wor
             "scene": {"transforms": {"visible": False}},
             "topics": {f"{topics}/{name}": {"visible": True} for name in shown},
             "layers": {"grid": {
-                "layerId": "foxglove.Grid", "instanceId": "grid", "label": "Grid", "visible": True, "frameId": BODY,
+                "layerId": "foxglove.Grid", "instanceId": "grid", "label": "Grid", "visible": True, "frameId": body,
                 "size": 100, "divisions": 10, "lineWidth": 1, "color": "#80808080", "position": [0, 0, 0],
                 "rotation": [0, 0, 0], "order": 1,
             }},
         },
         "RosOut!notes": {"searchTerms": [], "minLogLevel": 2, "topicToRender": f"{topics}/log"},
     }  # fmt: skip
-    pictures = [visible(name) for name in cameras[:_MOST_CAMERAS]]
+    pictures = [plain_name(name) for name in cameras[:_MOST_CAMERAS]]
     for number, name in enumerate(pictures):
         panels[f"Image!camera{number}"] = {
             "imageMode": {

@@ -48,8 +48,8 @@ def test_figures_show_the_numbers(make_run: MakeRun, tmp_path: Path, drawn) -> N
     runs = [make_run(Plan(scores=SCORES)), make_run(Plan(name="b", pipeline="lidar3d", scores=SCORES[:1]))]
     paths = draw_runs(runs, [CURVE, None], tmp_path / "f")
     names = {path.relative_to(tmp_path / "f").as_posix() for path in paths}
-    assert names == {f"{name}.{form}" for name in ("f1_by_class", "f1_by_distance", "precision_recall", "timing/latency")
-                     for form in ("svg", "png")}  # fmt: skip
+    drawings = ("f1_by_class", "f1_by_distance", "precision_recall", "timing/latency")
+    assert names == {f"{name}.{form}" for name in drawings for form in ("svg", "png")}
     lines = [line.get_ydata() for line in drawn["f1_by_class"].axes[0].lines]
     assert [list(line) for line in lines] == [[0.5, 0.25], [0.4, 0.625], [0.5], [0.4, 0.625]]
     assert [text.get_text() for text in drawn["f1_by_class"].axes[0].get_xticklabels()] == ["vehicle", "pedestrian"]
@@ -83,7 +83,8 @@ def results(folder: Path, *rows: tuple[str, str, float | None, float | None, flo
 def test_robustness_is_drawn_over_severity_by_condition(tmp_path: Path, drawn) -> None:
     path = results(
         tmp_path, ("clear", "late3d", 0.9, 0.85, 0.95), ("fog 1", "late3d", 0.8, 0.7, 0.9),
-        ("fog 3", "late3d", 0.5, 0.4, 0.6), ("fog 5", "late3d", None, None, None), ("dropout.radar", "late3d", 0.7, None, None),
+        ("fog 3", "late3d", 0.5, 0.4, 0.6), ("fog 5", "late3d", None, None, None),
+        ("dropout.radar", "late3d", 0.7, None, None),
         ("rain 2", "late3d", 0.6, None, None), ("fog 3", "lidar3d", 0.3, None, None),
     )  # fmt: skip
     draw_suite(path, tmp_path / "f")

@@ -21,7 +21,7 @@ from fbench.replay.data.rig import LogInfo
 from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_container
 from fbench.replay.runs.folder import FRAMES, Run, write_frames
-from fbench.reports.overlay.file import write_overlay
+from fbench.reports.overlay.file import Names, write_overlay
 
 MakeRun = Callable[[Plan], Run]
 Messages = Mapping[str, list[Any]]
@@ -199,6 +199,31 @@ def test_runs_without_truth_have_no_truth(make_run: MakeRun, tmp_path: Path) -> 
     _, path = write_overlay(make_run(Plan(truth=False)), {}, tmp_path / "o.mcap")
     assert not [topic for topic in read(tmp_path / "o.mcap") if "truth" in topic]
     assert "truth" not in path.read_text("utf-8")
+
+
+def test_logs_of_others_keep_their_coordinate_frames(make_run: MakeRun, tmp_path: Path) -> None:
+    _, path = write_overlay(with_poses(make_run(Plan())), {}, tmp_path / "o.mcap", names=Names("base_link", "odom"))
+    messages = read(tmp_path / "o.mcap")
+    assert "/fbench/transforms" not in messages
+    frames = {topic: messages[topic][0].entities[0].frame_id for topic in ("/fbench/tracks", "/fbench/trails")}
+    assert frames == {"/fbench/tracks": "base_link", "/fbench/trails": "odom"}
+    assert json.loads(path.read_text("utf-8"))["configById"]["3D!scene"]["followTf"] == "base_link"
+
+
+def test_hostile_names_of_sensors(make_run: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are topics, coordinate frames, and keys of the layout."""
+    names = {name: f"{name}{HOSTILE[:50]}\x1b[2J" for name in RIG.mounts}
+    mounts = {names[name]: mount for name, mount in RIG.mounts.items()}
+    rig = replace(RIG, mounts=mounts, cameras={names["cam"]: RIG.cameras["cam"]})
+    monkeypatch.setattr("tests.reports.conftest.RIG", rig)
+    _, path = write_overlay(make_run(Plan()), {}, tmp_path / "o.mcap")
+    messages = read(tmp_path / "o.mcap")
+    frames = [t.child_frame_id for message in messages["/fbench/transforms"] for t in message.transforms]
+    assert len(frames) == 6
+    assert all(c.isprintable() for text in [*messages, *frames] for c in text)
+    assert len([topic for topic in messages if topic.startswith("/fbench/truth/cam</script>")]) == 1
+    panels = json.loads(path.read_text("utf-8"))["configById"]
+    assert set(panels["Image!camera0"]["imageMode"]["annotations"]) <= set(messages)
 
 
 @pytest.mark.parametrize("boxes", [boxes2d, boxes3d])

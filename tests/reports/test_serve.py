@@ -47,8 +47,8 @@ def test_the_page_is_served(port: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "path", ["/manifest.json", "/../manifest.json", "/%2e%2e/etc/passwd", "//etc/passwd", "/report.html/..", "/etc/passwd",
-             "/..%5c..", "/report.html%00"],
+    "path", ["/manifest.json", "/../manifest.json", "/%2e%2e/etc/passwd", "//etc/passwd", "/report.html/..",
+             "/etc/passwd", "/..%5c..", "/report.html%00"],
 )  # fmt: skip
 def test_nothing_else_is(port: int, path: str) -> None:
     assert ask(port, path)[0] == 404
