@@ -140,9 +140,9 @@ def tables_of(runs: Sequence[Run]) -> list[PlainTable]:
             found[name].append((label, *row))
     labels = [label for label, _ in named]
     for group, rows in overview.what_ran(runs).items():
-        for row in rows:
-            cells = zip(labels, row["cells"], strict=True)
-            found["what_ran"] += [(label, group, row["name"], cell) for label, cell in cells if cell != DASH]
+        for fact in rows:
+            cells = zip(labels, fact["cells"], strict=True)
+            found["what_ran"] += [(label, group, fact["name"], cell) for label, cell in cells if cell != DASH]
     return [_table(name, found[name]) for name in _COLUMNS]
 
 

@@ -9,7 +9,7 @@ _MOST_CAMERAS = 6  # More pictures are too small to see anything
 
 
 def layout(cameras: Sequence[str], sides: Sequence[str], topics: str, body: str, *, has_world: bool) -> dict[str, Any]:
-    """Return the layout for boxes of `sides` below `topics`, around `body`, and for logs whose images are at `/CAMERA/image`."""
+    """Return the layout for boxes of `sides` below `topics`, around `body`, for logs with images at `/CAMERA/image`."""
     shown = [*sides, *(["trails"] if has_world else [])]
     panels: dict[str, dict[str, Any]] = {
         "3D!scene": {
