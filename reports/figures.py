@@ -26,11 +26,13 @@ if TYPE_CHECKING:
 
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")  # Okabe and Ito
 _STYLE = {
-    "svg.hashsalt": "fbench", "text.parse_math": False, "font.size": 8, "axes.spines.top": False, "legend.fontsize": 7,
-    "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.3, "legend.frameon": False, "savefig.dpi": 200,
+    "svg.hashsalt": "fbench", "text.parse_math": False, "font.size": 8, "legend.fontsize": 7, "legend.frameon": False,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "axes.axisbelow": True, "grid.alpha": 0.3,
+    "savefig.dpi": 200,
 }  # fmt: skip
 _WIDTH_IN, _HEIGHT_IN = 3.5, 2.4  # A column of a paper
 _FORMS: Mapping[str, Mapping[str, str | None]] = {"svg": {"Date": None}, "png": {}}
+_SHARES = (-0.03, 1.03)  # Of an axis; what is 0 or 1 isn't cut off
 _MAX_LABEL = 40
 _SEVERITY = re.compile(r"(.+) ([1-5])")
 _ROBUSTNESS = "robustness_f1"
@@ -121,7 +123,6 @@ def _style() -> Iterator[Callable[[], "Figure"]]:
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)  # of names from data
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)
-        matplotlib.rcParams["axes.prop_cycle"] = matplotlib.cycler(color=_COLORS)
         yield lambda: Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), layout="constrained")
 
 
@@ -132,20 +133,20 @@ def _draw_scores(groups: Sequence[tuple[str, Mapping[str, Score]]], x_label: str
         shift = 0.6 * ((number + 0.5) / len(groups) - 0.5)
         own = [(at + shift, rows[name]) for at, name in enumerate(names) if name in rows]
         color = _COLORS[number % len(_COLORS)]
-        axes.plot([x for x, _ in own], [score.value for _, score in own], "o", ms=4, color=color, label=label)
+        axes.plot([x for x, _ in own], [score.value or 0.0 for _, score in own], "o", ms=4, color=color, label=label)
         for x, score in own:
             if score.low is not None and score.high is not None:
                 axes.plot([x, x], [score.low, score.high], "-", lw=1.2, color=color)
     axes.set_xticks(range(len(names)), [_short(name) for name in names], rotation=30 if len(names) > 4 else 0)
-    axes.set(ylim=(0, 1.02), ylabel="F1", xlabel=x_label)
+    axes.set(ylim=_SHARES, ylabel="F1", xlabel=x_label)
     _add_legend(axes, len(groups))
 
 
 def _draw_curves(curves: Sequence[tuple[str, Curve]], figure: "Figure") -> None:
     axes = figure.add_subplot()
-    for label, curve in curves:
-        axes.plot(curve.recall, curve.precision, lw=1.2, label=label)
-    axes.set(xlim=(0, 1.02), ylim=(0, 1.02), xlabel="Recall", ylabel="Precision")
+    for number, (label, curve) in enumerate(curves):
+        axes.plot(curve.recall, curve.precision, lw=1.2, color=_COLORS[number % len(_COLORS)], label=label)
+    axes.set(xlim=(0, 1.02), ylim=_SHARES, xlabel="Recall", ylabel="Precision")
     _add_legend(axes, len(curves))
 
 
@@ -166,7 +167,7 @@ def _draw_latency(tables: Sequence[tuple[str, LatencyTable]], figure: "Figure") 
     axes.set_yticks(range(len(tables)), [label for label, _ in tables])
     axes.set(xlabel="Mean time, ms", xlim=(0, None))
     axes.invert_yaxis()
-    _add_legend(axes, len(names) + 2)
+    figure.legend(loc="outside lower center", ncols=3)
 
 
 def _draw_robustness(found: Mapping[str, Mapping[str, Mapping[int, FigureRow]]], figure: "Figure") -> None:
@@ -181,13 +182,13 @@ def _draw_robustness(found: Mapping[str, Mapping[str, Mapping[int, FigureRow]]],
             color = _COLORS[pipelines.index(pipeline) % len(_COLORS)]
             own = [(at, row) for at, row in sorted(points.items()) if row.value is not None]
             x = [at for at, _ in own]
-            axes.plot(x, [row.value for _, row in own], "o-", ms=3, lw=1.2, color=color, label=_short(pipeline))
+            axes.plot(x, [row.value or 0.0 for _, row in own], "o-", ms=3, lw=1.2, color=color, label=_short(pipeline))
             sure = [(at, row.low, row.high) for at, row in own if row.low is not None and row.high is not None]
             if len(sure) > 1:
                 at, low, high = zip(*sure, strict=True)
                 axes.fill_between(at, low, high, color=color, alpha=0.15, lw=0)
         axes.set_title(condition, fontsize=8)
-        axes.set(ylim=(0, 1.02), xlabel="Severity" if number > len(found) - columns else "")
+        axes.set(ylim=_SHARES, xlabel="Severity" if number > len(found) - columns else "")
         axes.set_ylabel("F1" if number % columns == 1 or columns == 1 else "")
         if number == 1:
             _add_legend(axes, len(pipelines))

@@ -196,7 +196,7 @@ def _show(value: object) -> Value:
 
 
 def _json(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return json.dumps(value, allow_nan=False)  # in ASCII: what `visible` would change stays JSON
 
 
 def _csv(table: PlainTable) -> str:

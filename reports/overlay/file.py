@@ -13,6 +13,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
@@ -109,8 +110,9 @@ def _cameras(run: Run) -> list[str]:
 def _results(run: Run, outcomes: Outcomes, names: Names) -> Iterator[tuple[int, Encoded]]:
     """Yield all messages of the overlay, each at the instant of its frame."""
     sides = [Side(name, getattr(run, name), outcomes.get(name, {})) for name in ("detections", "tracks")]
-    truths = [Side("truth", run.truth_table(space), outcomes.get(name, {}))
-              for space, name in (("2d", "truth_2d"), ("3d", "truth"))] if _has_truth(run) else []  # fmt: skip
+    flat, solid = run.truth_table("2d"), run.truth_table("3d")
+    truths = [Side("truth", flat, outcomes.get("truth_2d", {})), Side("truth", solid, outcomes.get("truth", {}))]
+    truths = truths if _has_truth(run) else []
     trails, segment = _Trails(plain_name(names.world)), -1
     for number, frame in enumerate(run.frames):
         rig, stamp_ns = run.manifest.rig_of(frame.segment), frame.stamp_ns
@@ -211,7 +213,7 @@ class _Trails:
                 type=LinePrimitive.LINE_STRIP, thickness=2, scale_invariant=True,
                 pose=Pose(position=vector(np.zeros(3)), orientation=rotation(UPRIGHT)),
                 color=side.color(side.outcome(first + at), 0.8),
-                points=[{"x": x, "y": y, "z": z} for x, y, z in (place.tolist() for _, place in places)],
+                points=[Point3(x=x, y=y, z=z) for x, y, z in (place.tolist() for _, place in places)],
             )  # fmt: skip
             scene.entities.add(id=f"trail {at}", frame_id=self._world, timestamp=stamp, lines=[line])
         yield Record(f"{TOPICS}/trails", {}, scene)
