@@ -7,6 +7,7 @@ import subprocess
 import sys
 import urllib.request
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -28,8 +29,8 @@ def place(tmp_path_factory):
     return folder
 
 
-def decoded(path: Path) -> dict[str, list]:
-    found: dict[str, list] = {}
+def decoded(path: Path) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         for _, channel, _, proto in reader.iter_decoded_messages():
