@@ -35,6 +35,7 @@ from fbench.cli import (
     score,
     sweep,
     verify,
+    view,
     weights,
 )
 from fbench.cli.options import examples
@@ -54,6 +55,7 @@ app.command("init", epilog=examples("init"))(init.init)
 app.command("replay", epilog=examples("replay"))(replay.replay)
 app.command("score", epilog=examples("score"))(score.score)
 app.command("report", epilog=examples("report"))(report.report)
+app.command("view", epilog=examples("view"))(view.view)
 app.command("compare", epilog=examples("compare"))(compare.compare)
 app.command("robust", epilog=examples("robust"))(robust.robust)
 app.command("sweep", epilog=examples("sweep"))(sweep.sweep)

@@ -169,7 +169,13 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench score --truth MOT17/train --detections results --profile trackeval-mot --sequences MOT17-02,MOT17-04",
         "fbench score --truth truth.json --detections submission.json --profile nuscenes-detection --json",
     ),
-    "report": ("fbench report runs/log-lidar3d", "fbench report runs/log-lidar3d runs/log-late3d -o both.html"),
+    "report": (
+        "fbench report runs/log-lidar3d",
+        "fbench report runs/log-lidar3d runs/log-late3d -o both.html",
+        "fbench report runs/log-late3d --overlay overlay.mcap --log log.mcap",
+        "fbench report runs/log-late3d --tables tables --figures figures",
+    ),
+    "view": ("fbench view runs/log-late3d", "fbench view runs/log-lidar3d runs/log-late3d --port 8000"),
     "compare": (
         "fbench compare runs/base runs/head",
         "fbench compare runs/base runs/head --tolerance 0.01",

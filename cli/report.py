@@ -13,13 +13,46 @@ def report(
         Path | None, Option("--out", "-o", help="The report (default: report.html in the first RUN).")
     ] = None,
     kind: Annotated[str, Option(help="Report plug-in to use.")] = "html",
+    overlay: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE.mcap", help="Also write the results of one RUN for Foxglove and Lichtblick, and a layout."
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None, Option(metavar="LOG", help="Copy the messages of the log that was replayed into the overlay.")
+    ] = None,
+    tables: Annotated[
+        Path | None, Option(metavar="FOLDER", help="Also write every table as CSV, Parquet and Markdown.")
+    ] = None,
+    figures: Annotated[
+        Path | None,
+        Option(
+            metavar="FOLDER", help="Also draw figures for papers as SVG and PNG; a folder of fbench robust may be RUN."
+        ),
+    ] = None,
 ) -> None:
-    """Write one self-contained report of one or several runs."""
+    """Write one self-contained report of one or several runs, and other forms of it."""
+    from fbench.api import reports
     from fbench.api.runs import open_run
     from fbench.api.runs import report as write_report
-    from fbench.cli.show import console
-    from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
+    from fbench.cli.show import say
+    from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
-    path = write_report(runs, out, kind)
-    console().print(f"report: {path}", markup=False, soft_wrap=True)
-    raise typer.Exit(EXIT_OK if all(open_run(folder).complete for folder in runs) else EXIT_LOSSY)
+    if overlay is not None and len(runs) > 1:
+        raise ConfigError(f"--overlay shows the results of one RUN, not of {len(runs)}")
+    if log is not None and overlay is None:
+        raise ConfigError("--log goes with --overlay FILE.mcap, into which its messages are copied")
+    is_suite = reports.is_suite(runs)
+    if is_suite and (overlay is not None or out is not None or (tables is None and figures is None)):
+        raise ConfigError(f"{runs[0]}: is a suite, which has its report; of it there are --tables and --figures")
+    if not is_suite:
+        say(f"report: {write_report(runs, out, kind)}")
+    if overlay is not None:
+        say(*(f"overlay: {path}" for path in reports.overlay(runs[0], overlay, log)))
+    if tables is not None:
+        say(f"tables: {tables} ({len(reports.tables(runs, tables))} files)")
+    if figures is not None:
+        say(f"figures: {figures} ({len(reports.figures(runs, figures))} files)")
+    whole = is_suite or all(open_run(folder).complete for folder in runs)
+    raise typer.Exit(EXIT_OK if whole else EXIT_LOSSY)

@@ -8,10 +8,10 @@ from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, format
 def markdown(results: Results) -> str:
     """Return the page without what was measured; figures of the source system stand in brackets behind ours."""
     lines = [f"# {results.title}", ""]
-    lines += [f"- {name}: {f'`{text}`' if name == 'command' else _plain(text)}" for name, text in results.facts]
+    lines += [f"- {name}: {f'`{text}`' if name == 'command' else plain_text(text)}" for name, text in results.facts]
     lines += _tables(results.tables)
     if results.problems:
-        lines += ["", "## What failed, was left out or missing", "", *(f"- {_plain(p)}" for p in results.problems)]
+        lines += ["", "## What failed, was left out or missing", "", *(f"- {plain_text(p)}" for p in results.problems)]
     return "\n".join(lines) + "\n"
 
 
@@ -26,7 +26,7 @@ def _tables(tables: Sequence[ResultTable]) -> list[str]:
 
 def _table(table: ResultTable) -> Iterator[str]:
     def row(*cells: str) -> str:
-        return f"| {' | '.join(map(_plain, cells))} |"
+        return f"| {' | '.join(map(plain_text, cells))} |"
 
     def show(figure: Figure, kind: Kind) -> str:
         beside = "" if figure.published is None else f" ({format_number(figure.published, kind)})"
@@ -40,10 +40,10 @@ def _table(table: ResultTable) -> Iterator[str]:
         yield row(line.name, *([line.space] * table.has_spaces), *cells)
     has_published = any(figure.published is not None for line in table.lines for figure in line.figures)
     notes = [*table.notes, *(["In brackets: the thesis."] * has_published), *table.reasons]
-    yield from ("", *(f"- {_plain(note)}" for note in notes)) if notes else ()
+    yield from ("", *(f"- {plain_text(note)}" for note in notes)) if notes else ()
 
 
-def _plain(text: str) -> str:
+def plain_text(text: str) -> str:
     """Keep text from data in its cell and on its line, and from acting as HTML."""
     kept = "".join(c if c.isprintable() else " " for c in text)
     for mark in "\\|[":  # the last begins links, and pictures from anywhere

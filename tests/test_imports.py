@@ -125,6 +125,7 @@ def test_help_loads_nothing_heavy():
         "torch",
         "pydantic",
         "plotly",
+        "matplotlib",
         "jinja2",
         "sklearn",
         "pandas",

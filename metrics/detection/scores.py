@@ -100,6 +100,11 @@ class Ranking:
         best = int(np.argmax(f1))
         return float(f1[best]), float(self.scores[best])
 
+    def curve(self) -> tuple[Float64, Float64]:
+        """Return recall (U,) and precision (U,) at each threshold, the highest first; only where there is a curve."""
+        tp, fp = np.cumsum(self.tp), np.cumsum(self.fp)
+        return tp / self.num_truth, tp / (tp + fp)
+
     def average_precision(self) -> float:
         """Mean over recall 0, 0.01 ... 1 of the best precision there or beyond (COCO); equal scores go together."""
         tp, fp = np.cumsum(self.tp), np.cumsum(self.fp)

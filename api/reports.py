@@ -1,0 +1,94 @@
+"""Forms of a report besides its page: an overlay for viewers, tables, figures, and what localhost serves."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fbench.api.scores import open_folder
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.logs.open import open_log
+
+
+def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreOptions | None = None) -> list[Path]:
+    """Write the results of a run as MCAP with Foxglove's schemas, and a layout for Foxglove and Lichtblick.
+
+    Args:
+        run: The run folder.
+        out: The MCAP file; the layout is written beside it.
+        log: The log that was replayed, whose messages are copied; `None`: open the overlay together with the log.
+        options: Which boxes count and match, for their colors.
+
+    Returns:
+        Paths of the overlay and the layout.
+
+    Raises:
+        ConfigError: where there is no such run, the log isn't the one that was replayed, or nothing can be written.
+        LogError: where the log can't be read.
+        MetricError: where an id is twice in a frame.
+    """
+    from fbench.metrics.runs.outcomes import outcomes_of
+    from fbench.reports.overlay.file import OWN, Names, write_overlay
+
+    opened = open_folder(Path(run))
+    reader = None if log is None else open_log(log, FaultLog())
+    entry = opened.manifest.log
+    if reader is not None and not opened.manifest.redacted and reader.info.log_id != entry.log_id:
+        raise ConfigError(f"{log}: isn't the log of {run}, which is '{entry.name}' with id {entry.log_id}")
+    outcomes = outcomes_of(opened, options or ScoreOptions())
+    if reader is None:
+        return write_overlay(opened, outcomes, out)
+    frames = reader.coordinate_frames
+    return write_overlay(opened, outcomes, out, reader.container, Names(frames.body, frames.world or OWN.world))
+
+
+def tables(runs: Sequence[Path | str], folder: Path) -> list[Path]:
+    """Write every table of the report of runs, or of a suite's results, as CSV, Parquet and Markdown into a folder, and
+    return the paths. Raises ConfigError where there is no such run or nothing can be written; RunError where a run is
+    damaged.
+    """
+    from fbench.reports.tables import write_suite_tables, write_tables
+
+    if is_suite(runs):
+        return write_suite_tables(_results(runs[0]), folder)
+    return write_tables([open_folder(Path(run)) for run in runs], folder)
+
+
+def figures(runs: Sequence[Path | str], folder: Path) -> list[Path]:
+    """Draw the figures of runs, or of a suite's results, as SVG and PNG into a folder, and return the paths. Raises
+    MissingPackageError without matplotlib; ConfigError where there is no such run, nothing to draw, or nothing can be
+    written; RunError where a run is damaged.
+    """
+    from fbench.metrics.runs.detection import detection_entries
+    from fbench.reports.figures import Curve, draw_runs, draw_suite
+
+    if is_suite(runs):
+        return draw_suite(_results(runs[0]), folder)
+    opened = [open_folder(Path(run)) for run in runs]
+    curves: list[Curve | None] = []
+    for run in opened:
+        entry = detection_entries(run, ScoreOptions())[0]
+        ranking = entry.counts.ranking
+        curves.append(None if entry.key.reason or ranking.reason else Curve(*ranking.curve()))
+    return draw_runs(opened, curves, folder)
+
+
+def render(runs: Sequence[Path | str]) -> bytes:
+    """Return the page of the report of runs; of a single folder that is no run, such as a suite's, the `report.html`
+    that is there. Raises ConfigError where there is neither; RunError where a run is damaged.
+    """
+    from fbench.reports.html.page import page
+
+    folders = [Path(run) for run in runs]
+    if len(folders) == 1 and not (folders[0] / "manifest.json").exists() and (folders[0] / "report.html").is_file():
+        return (folders[0] / "report.html").read_bytes()
+    return page([open_folder(folder) for folder in folders]).encode("utf-8")
+
+
+def is_suite(runs: Sequence[Path | str]) -> bool:
+    """Tell whether the only folder is that of a suite with results, whose report its command wrote."""
+    return len(runs) == 1 and not (Path(runs[0]) / "manifest.json").exists() and _results(runs[0]).is_file()
+
+
+def _results(folder: Path | str) -> Path:
+    return Path(folder) / "results.json"

@@ -1,0 +1,1 @@
+"""Overlays: results of a run beside its log in Foxglove and Lichtblick."""

@@ -1,0 +1,127 @@
+"""`fbench report` in all its forms, and `fbench view`."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from tests.cli.conftest import messages, rig, truths, write_log
+from tests.program import fbench as program
+
+from fbench.replay.data.rig import LogInfo
+from fbench.replay.logs.containers.mcap.write import McapWriter
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A small log, and a run of it."""
+    folder = tmp_path_factory.mktemp("report")
+    log = write_log(folder / "car.mcap", [*messages(), *truths()])
+    assert program("replay", log, "-p", "lidar3d", "-o", folder / "run") == 0
+    return folder
+
+
+def decoded(path: Path) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, _, proto in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append(proto)
+    return found
+
+
+def test_all_forms(fbench, place):
+    result = fbench(
+        "report", place / "run", "-o", "report.html", "--overlay", "overlay.mcap", "--log", place / "car.mcap",
+        "--tables", "tables", "--figures", "figures",
+    )  # fmt: skip
+    assert result.code == 0
+    assert result.out.splitlines()[:3] == [
+        "report: report.html", "overlay: overlay.mcap", "overlay: overlay.layout.json",
+    ]  # fmt: skip
+    assert re.fullmatch(
+        r"tables: tables \(\d+ files\)\nfigures: figures \(\d+ files\)", result.out.split("\n", 3)[3].strip()
+    )
+    scores = json.loads((place / "run" / "scores.json").read_text())
+    counts = next(score["counts"] for score in scores if (score["metric"], score["class"]) == ("f1", "vehicle"))
+    overlay = decoded(Path("overlay.mcap"))
+    outcomes = [
+        next(pair.value for pair in entity.metadata if pair.key == "outcome")
+        for scene in overlay["/fbench/detections"] for entity in scene.entities
+    ]  # fmt: skip
+    assert (outcomes.count("hit"), outcomes.count("false alarm")) == (counts["tp"], counts["fp"])
+    assert counts["tp"] > 0
+    assert set(decoded(place / "car.mcap")) < set(overlay)
+    typed = pd.read_parquet("tables/scores.parquet")
+    assert typed["value"].dropna().tolist() == [s["value"] for s in scores if s["value"] is not None]
+
+
+def test_another_log_and_what_goes_together(fbench, place):
+    with McapWriter(Path("other.mcap"), LogInfo("other", "test-2", {}), rig()) as writer:
+        for message in messages(1):
+            writer.write(message)
+    run = place / "run"
+    for words, why in [
+        ((run, run, "--overlay", "o.mcap"), "--overlay shows the results of one RUN, not of 2"),
+        ((run, "--log", place / "car.mcap"), "--log goes with --overlay FILE.mcap"),
+        ((run, "--overlay", place / "car.mcap", "--log", place / "car.mcap"), "is the log itself"),
+        ((run, "--overlay", "o.mcap", "--log", "none.mcap"), "none.mcap"),
+        ((run, "--overlay", "o.mcap", "--log", "other.mcap"), "other.mcap: isn't the log of"),
+        (("nowhere", "--tables", "t"), "nowhere: no such run folder"),
+    ]:
+        result = fbench("report", *words)
+        assert result.code in (2, 3)
+        assert why in result.err
+        assert result.err.count("\n") == 1
+    assert not Path("o.mcap").exists()
+
+
+def test_a_suite_has_tables_and_figures(fbench):
+    Path("suite").mkdir()
+    row = {
+        "name": "fog 3",
+        "space": "",
+        "column": "late3d",
+        "value": 0.5,
+        "reason": None,
+        "published": None,
+        "counts": {},
+    }
+    Path("suite/results.json").write_text(json.dumps({"tables": {"robustness_f1": [row]}}))
+    result = fbench("report", "suite", "--tables", "t", "--figures", "f")
+    assert (result.code, result.out) == (0, "tables: t (3 files)\nfigures: f (2 files)\n")
+    assert fbench("report", "suite").err == (
+        "fbench: suite: is a suite, which has its report; of it there are --tables and --figures\n"
+    )
+
+
+def test_view_serves_until_ctrl_c(place):
+    program = Path(sys.executable).parent / "fbench"
+    child = subprocess.Popen(
+        [program, "view", place / "run"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        url = re.search(r"http://127\.0\.0\.1:\d+/", child.stdout.readline())[0]
+        with urllib.request.urlopen(url) as response:  # noqa: S310
+            assert b"<!doctype html>" in response.read(1000)
+        child.send_signal(signal.SIGINT)
+        assert child.wait(60) == 128 + signal.SIGINT
+        assert child.stderr.read() == ""
+    finally:
+        child.kill()
+        child.communicate()
+
+
+def test_view_errors(fbench):
+    assert fbench("view", "nowhere").err == "fbench: nowhere: no such run folder\n"
+    Path("folder").mkdir()
+    Path("folder/report.html").write_text("x")
+    assert "port 70000" in fbench("view", "folder", "--port", "70000").err
