@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from fbench.api.suites.ablation import Ablation
-    from fbench.api.suites.plan import Suite, SuiteCell
     from fbench.api.suites.runner import RunOptions
+    from fbench.api.suites.suite import Suite, SuiteCell
 
 SUITE = "suite.toml"
 Finished: TypeAlias = "Callable[[SuiteCell, CellResult], None]"

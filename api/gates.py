@@ -8,11 +8,11 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from fbench.api.baselines import load_baseline
-from fbench.api.relations import ORIGINAL, RELATIONS_FILE, compare_relations
 from fbench.api.sides import Side, open_results, pair_cells
 from fbench.metrics.comparison.cells import CellPair
 from fbench.metrics.comparison.inference import ErrorRates
 from fbench.metrics.comparison.objects import find_changes, find_divergence
+from fbench.metrics.comparison.relations import ORIGINAL, RELATIONS_FILE, compare_relations
 from fbench.metrics.comparison.verdicts import Judge, Rule, default_rules
 from fbench.metrics.definitions.catalog import definition_of
 from fbench.metrics.latency import compare_repeats

@@ -3,45 +3,23 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fbench.api.runs import make_plan, name_pipeline, open_requested
 from fbench.api.scores import score_folder
 from fbench.metrics.comparison.cells import CellName, CellPair, CellSide
 from fbench.metrics.comparison.reference import compare_by_base
+from fbench.metrics.comparison.relations import ORIGINAL, RELATIONS_FILE, KeptRelation, KeptRelations
 from fbench.replay.check.relations import RELATIONS, RelatedPipeline, Relation
 from fbench.replay.check.verify import workplace
-from fbench.replay.contracts.errors import LogError, RunError, first_wrong
+from fbench.replay.contracts.errors import LogError, RunError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import give_log
-from fbench.replay.data.comparison import Comparison, ObjectChange, Row, Verdict
+from fbench.replay.data.comparison import Comparison, ObjectChange
 from fbench.replay.data.files import replace_text
 from fbench.replay.engine.loop import replay
 from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.runs.folder import Run
 from fbench.replay.setup.request import ReplayRequest
-
-RELATIONS_FILE, ORIGINAL = "relations.json", "original"
-"""What a folder of kept runs holds: a summary, and the run of the log as it is."""
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _Kept(_Strict):
-    relation: Annotated[str, Field(min_length=1, max_length=100)]
-    least: Annotated[float, Field(ge=0, le=1)]
-    agreement: Annotated[float, Field(ge=0, le=1)] | None
-    violated: bool
-    reason: str
-
-
-class _KeptRelations(_Strict):
-    format: Literal[1]
-    relations: list[_Kept]
 
 
 @dataclass(frozen=True)
@@ -114,53 +92,14 @@ def check_relations(
             held.append(_check(request, base, name, relation(), change, folder))
         progress(len(RELATIONS) + 1, len(RELATIONS) + 1)
         rows = [
-            _Kept(relation=o.name, least=o.least, agreement=o.agreement, violated=o.is_violated, reason=o.reason)
+            KeptRelation(relation=o.name, least=o.least, agreement=o.agreement, violated=o.is_violated, reason=o.reason)
             for o in held
         ]
-        text = _KeptRelations(format=1, relations=rows).model_dump_json(indent=1)
+        text = KeptRelations(format=1, relations=rows).model_dump_json(indent=1)
         replace_text(folder / RELATIONS_FILE, f"{text}\n")
         if keep is not None:
             score_folder(base.folder, request.scoring)
         return Relations(tuple(held))
-
-
-def compare_relations(base: Path, head: Path, pipeline: str, condition: str) -> list[Row]:
-    """Compare how well relations hold in two folders that `check_relations` kept, largest fall first. A relation that
-    holds in the base and not in the head is a regression. Raises RunError where one of them can't be read.
-    """
-    before, after = ({own.relation: own for own in _read_kept(folder)} for folder in (base, head))
-    rows = []
-    for name, own in after.items():
-        old = before.get(name)
-        one, two = None if old is None else old.agreement, own.agreement
-        verdict, reason = _judge(old, own)
-        delta = None if one is None or two is None else two - one
-        names = pipeline, condition, "agreement", "any", f"relation {name}", "with the original", "1"
-        rows.append(Row(*names, one, two, delta, verdict, f"relation, at least {own.least:g}", reason))
-    return sorted(rows, key=lambda row: (row.verdict != "REGRESSED", row.delta or 0.0, row.slice))
-
-
-def _judge(old: _Kept | None, own: _Kept) -> tuple[Verdict, str]:
-    if old is None or (old.agreement is None and not old.violated):
-        return ("REGRESSED" if own.violated else "new"), own.reason or "only head tried it"
-    if own.violated and not old.violated:
-        return "REGRESSED", own.reason or "it doesn't hold any more"
-    if old.violated and not own.violated:
-        return "improved", "it holds now"
-    if own.agreement is None and old.agreement is not None:
-        return "REGRESSED", f"nothing was measured: {own.reason}"
-    held = "violated before, too" if own.violated else "it holds"
-    return ("same" if own.agreement == old.agreement else "changed"), held
-
-
-def _read_kept(folder: Path) -> list[_Kept]:
-    path = folder / RELATIONS_FILE
-    try:
-        return _KeptRelations.model_validate_json(path.read_bytes()).relations
-    except ValidationError as error:
-        raise RunError(f"{path}: not a file of this version of fbench ({first_wrong(error)})") from error
-    except OSError as error:
-        raise RunError(f"{path}: can't be read ({error.strerror})") from error
 
 
 def _check(request: ReplayRequest, base: Run, name: str, relation: Relation, change: str, folder: Path) -> HeldRelation:

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 from fbench.api.runs import short_name
 from fbench.api.suites.cells import CellResult
-from fbench.api.suites.plan import SuiteCell
+from fbench.api.suites.suite import SuiteCell
 from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.metrics.robustness.matrix import CLEAR, Cell, Matrix, matrix_tables, severity_curves
 from fbench.metrics.robustness.recovery import Outage, find_outages, mean_recovery

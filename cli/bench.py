@@ -24,7 +24,7 @@ from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 if TYPE_CHECKING:
     from fbench.api.bench import BenchResult
     from fbench.api.suites.cells import CellResult
-    from fbench.api.suites.plan import SuiteCell
+    from fbench.api.suites.suite import SuiteCell
 
 
 class _RunsByDefault(TyperGroup):

@@ -8,7 +8,7 @@ from pathlib import Path
 from fbench.api.runs import short_name
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.logs import Drive
-from fbench.api.suites.plan import SuiteCell
+from fbench.api.suites.suite import SuiteCell
 from fbench.replay.data.scores import Results, format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.host import describe_host

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from fbench.api.suites.plan import Suite, SuiteLog, SuitePipeline
+from fbench.api.suites.suite import Suite, SuiteLog, SuitePipeline
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import pipeline_parameters

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from fbench.api.suites.ablation import Ablation
-from fbench.api.suites.plan import Suite
+from fbench.api.suites.suite import Suite
 from fbench.api.suites.tables import Done
 from fbench.metrics.core.bootstrap import Bootstrap
 from fbench.metrics.robustness.matrix import Cell, Matrix

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 
 from fbench.api.scores import ScoreRequest, score
 from fbench.api.suites.cells import CELLS, SCORES, CellResult
-from fbench.api.suites.plan import SuiteCell
+from fbench.api.suites.suite import SuiteCell
 from fbench.replay.contracts.errors import FbenchError, output_error
 from fbench.replay.data.files import Draft
 from fbench.replay.data.scores import Score, ScoreOptions
