@@ -30,8 +30,8 @@ def test_a_profile_is_recorded_and_drawn_from(fbench, log):
     words = ("sweep", log, "-p", "lidar3d", *how[:2], "--rates", "1", "--budget-ms", "60000", "-o", "s")
     swept = fbench(*words, "--json").json()
     assert 0 < swept["sustainable_rate"] <= 1024
-    for words in (("replay", log, "-p", "radar3d", *how, "-o", "c"), ("verify", log, "-p", "radar3d", *how[:2])):
-        refused = fbench(*words)
+    for refuses in (("replay", log, "-p", "radar3d", *how, "-o", "c"), ("verify", log, "-p", "radar3d", *how[:2])):
+        refused = fbench(*refuses)
         assert refused.code == 2
         assert "was recorded of pipeline 'lidar3d', not of 'radar3d'" in " ".join(refused.err.split())
     kept = Path("profiles/mine.json").read_bytes()
