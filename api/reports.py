@@ -8,6 +8,8 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.logs.open import open_log
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.redaction import public_id
 
 
 def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreOptions | None = None) -> list[Path]:
@@ -17,7 +19,7 @@ def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreO
         run: The run folder.
         out: The MCAP file; the layout is written beside it.
         log: The log that was replayed, whose messages are copied; `None`: open the overlay together with the log.
-        options: Which boxes count and match, for their colors.
+        options: Which boxes count and match, for their colors; `None`: as in the run's scores.
 
     Returns:
         Paths of the overlay and the layout.
@@ -33,9 +35,9 @@ def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreO
     opened = open_folder(Path(run))
     reader = None if log is None else open_log(log, FaultLog())
     entry = opened.manifest.log
-    if reader is not None and not opened.manifest.redacted and reader.info.log_id != entry.log_id:
+    if reader is not None and entry.log_id not in (reader.info.log_id, public_id(reader.info)):
         raise ConfigError(f"{log}: isn't the log of {run}, which is '{entry.name}' with id {entry.log_id}")
-    outcomes = outcomes_of(opened, options or ScoreOptions())
+    outcomes = outcomes_of(opened, options or _options_of(opened))
     if reader is None:
         return write_overlay(opened, outcomes, out)
     frames = reader.coordinate_frames
@@ -67,7 +69,7 @@ def figures(runs: Sequence[Path | str], folder: Path) -> list[Path]:
     opened = [open_folder(Path(run)) for run in runs]
     curves: list[Curve | None] = []
     for run in opened:
-        entry = detection_entries(run, ScoreOptions())[0]
+        entry = detection_entries(run, _options_of(run))[0]
         ranking = entry.counts.ranking
         curves.append(None if entry.key.reason or ranking.reason else Curve(*ranking.curve()))
     return draw_runs(opened, curves, folder)
@@ -88,6 +90,13 @@ def render(runs: Sequence[Path | str]) -> bytes:
 def is_suite(runs: Sequence[Path | str]) -> bool:
     """Tell whether the only folder is that of a suite with results, whose report its command wrote."""
     return len(runs) == 1 and not (Path(runs[0]) / "manifest.json").exists() and _results(runs[0]).is_file()
+
+
+def _options_of(run: Run) -> ScoreOptions:
+    """Options that a run was scored with, so that all its forms agree; usual ones where it has no scores."""
+    from fbench.metrics.comparison.counts import options_of
+
+    return options_of(run.scores if (run.folder / "scores.json").is_file() else ())
 
 
 def _results(folder: Path | str) -> Path:

@@ -203,11 +203,19 @@ def verify(
     """
     from fbench.replay.check.verify import verify_in, workplace
 
-    request.resolve()  # so that a wrong option is found before any process starts
+    _resolve(request)  # so that a wrong option is found before any process starts
     if request.latency == MEASURED:
         raise ConfigError("--latency measured: differs from replay to replay; give a time, such as fixed:80ms")
     with workplace(keep) as folder:
         return verify_in(request, num_repeats, quick, folder, _VERIFY_WORKER, progress)
+
+
+def _resolve(request: ReplayRequest) -> ReplayOptions:
+    """Read a request's options. Raises ConfigError also where latency is from a profile of another pipeline."""
+    options = request.resolve()
+    if options.latency is not None and options.latency.profile is not None:
+        options.latency.profile.require_pipeline(name_pipeline(replace(request, redact=False)))
+    return options
 
 
 def replay(
@@ -232,9 +240,7 @@ def replay(
         LogError: where the log can't be used by this pipeline.
         RunError: where the pipeline keeps failing.
     """
-    options, name = request.resolve(), name_pipeline(request)
-    if options.latency is not None and options.latency.profile is not None:
-        options.latency.profile.require_pipeline(name_pipeline(replace(request, redact=False)))
+    options, name = _resolve(request), name_pipeline(request)
     rate = "max" if request.latency is not None else request.rate  # with latency the queue has it, and nobody waits
     clock, start = make_clock(rate, options.sync.max_gap_ns), time.monotonic()
     machine, energy = describe_host(), EnergyMeter.read()

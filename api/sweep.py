@@ -35,19 +35,17 @@ class SweepRequest:
     """Replays of one log at several rates. Raises ConfigError where an option isn't as expected."""
 
     replay: ReplayRequest
-    """With latency; its `out` gets a folder a rate, its own rate plays no part."""
+    """With latency; its `out` gets a folder a rate, its own rate plays no part. A frame that isn't done `budget_ms`
+    after it was ready misses its deadline, in time of the wall clock.
+    """
     rates: Sequence[str]
     """How many times as fast as in real time the log passes."""
-    budget_ms: float = 100.0
-    """A frame that isn't done so long after it was ready misses its deadline, in time of the wall clock."""
 
     def __post_init__(self) -> None:
         if self.replay.latency is None:
             raise ConfigError("how long does the pipeline take? give --latency, such as fixed:80ms or measured")
         if not self.rates:
             raise ConfigError("--rates: names no rate, such as 0.5,1,2")
-        if not 0 < self.budget_ms < math.inf:
-            raise ConfigError(f"--budget-ms {self.budget_ms:g}: expected more than 0")
         for rate in self.rates:
             try:
                 is_paced = make_clock(rate, 0).rate is not None
@@ -101,26 +99,26 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
         raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
     if folder.exists() and not (folder / RESULT).is_file():
         raise ConfigError(f"{folder}: exists and isn't a sweep, so --overwrite doesn't touch it")
-    model = request.replay.resolve().latency or LatencyModel()
+    model, budget_ms = request.replay.resolve().latency or LatencyModel(), request.replay.budget_ms
     with Draft(folder, is_folder=True) as draft, SharedLogs(share_memory(1)) as shared:
         runs, rates = list[Run](), list(dict.fromkeys(request.rates))
         for num, rate in enumerate(rates):
             progress(num, len(rates))
-            one = replace(request.replay, rate=rate, out=draft.path / f"rate-{rate}", overwrite=False)
+            one = replace(request.replay, rate=rate, out=draft.path / f"rate-{rate}", overwrite=False, report=False)
             paced = replace(model, rate=Fraction(repr(float(rate))))
             run = _repeat_run(runs, paced, draft.path / f"rate-{rate}", one.scoring) if runs else None
             lockstep = runs[0].folder / IN_LOCKSTEP if runs else None
             runs.append(run or replay(one, shared=shared, lockstep=lockstep).run)
-        rows = [_row(run, float(rate), request.budget_ms) for run, rate in zip(runs, rates, strict=True)]
+        rows = [_row(run, float(rate), budget_ms) for run, rate in zip(runs, rates, strict=True)]
         ready_ns, lockstep = _ready_ns(runs[0]), runs[0].folder / IN_LOCKSTEP
         if model.profile is not None:
             service_ns = model.profile.draw_run_ns(model.seed, Run(lockstep))
         else:
             fixed_ns = model.fixed_ns
             service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
-        largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(request.budget_ms * 1e6))
+        largest = find_sustainable_rate(ready_ns, service_ns, model.policy, round(budget_ms * 1e6))
         names = runs[0].manifest.log.name, name_pipeline(request.replay), request.replay.latency or ""
-        found = RateSweep(folder, *names, str(model.policy), request.budget_ms, rows, largest)
+        found = RateSweep(folder, *names, str(model.policy), budget_ms, rows, largest)
         replace_text(draft.path / RESULT, json.dumps(sweep_content(found), indent=1, allow_nan=False) + "\n")
         _draw(found, draft.path / PAGE)
         draft.publish()

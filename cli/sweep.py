@@ -52,8 +52,9 @@ def sweep(
         LogRequest(log, config, rig or (), boxes, results, decoder=decoder or ()), choose_pipeline(pipeline, results),
         settings=settings or (), sensors=sensors or (), from_=from_, to=to, frames=frames, condition=condition,
         seed=seed, out=out, overwrite=overwrite, on_fault="tolerant", no_media=True, latency=latency, overload=overload,
+        budget_ms=budget_ms,
     )  # fmt: skip
-    what = SweepRequest(request, [rate.strip() for rate in rates.split(",") if rate.strip()], budget_ms)
+    what = SweepRequest(request, [rate.strip() for rate in rates.split(",") if rate.strip()])
     with replay_progress(f"{log.name} → {request.pipeline}") as progress:
         found = sweep_log(what, progress)
     if json:

@@ -17,6 +17,7 @@ import pyarrow as pa
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from fbench.replay.contracts.errors import ConfigError, output_error, wrong_field
+from fbench.replay.data.criticality import load_critical_errors
 from fbench.replay.data.files import Draft, file_name
 from fbench.replay.data.scores import DASH, score_rows
 from fbench.replay.runs.folder import Run
@@ -33,14 +34,18 @@ _COLUMNS = {
         "run pipeline log frames:int segments:int labeled:int failed:int complete:bool log_digest run_digest fbench"
     ),
     "scores": "run metric class slice matching value:float low:float high:float interval unit reason counts",
+    "criticality": (
+        "run side kind label track_id:int stamp_ns:int from_s:float to_s:float first_frame:int last_frame:int "
+        "num_frames:int range_m:float ttc_s:float deceleration_mps2:float lateral_mps2:float"
+    ),
     "conditions": "run condition version:int seed:int level",
     "effects": "run sensor effect value:float",
     "frames": "run frame:int stamp_ns:int segment:int truth:int detections:int tracks:int missing failed",
     "faults": "run code effect text count:int places",
     "what_ran": "run group name value",
     "latency": (
-        "run stage count:int mean_ms:float p50_ms:float p95_ms:float p99_ms:float max_ms:float first_ms:float "
-        "budget_ms:float reason"
+        "run stage count:int mean_ms:float p50_ms:float p90_ms:float p95_ms:float p99_ms:float p999_ms:float "
+        "max_ms:float cpu_mean_ms:float first_ms:float budget_ms:float reason"
     ),
     "host": "run name value",
 }
@@ -50,6 +55,7 @@ _SUITE: Mapping[str, type] = {
     "published": float, "counts": str,
 }  # fmt: skip
 _MEASURED = ("latency", "host")
+_TIMES = ("mean", "p50", "p90", "p95", "p99", "p999", "max", "cpu_mean", "first")
 _KINDS: Mapping[str, type] = {"": str, "int": int, "float": float, "bool": bool}
 _TYPES = {str: pa.string(), float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
 
@@ -157,6 +163,9 @@ def _of_run(run: Run, head: overview.Overview) -> Iterator[tuple[str, tuple[obje
     names = ("metric", "class", "slice", "matching", "value", "low", "high", "interval", "unit", "reason")
     for row in score_rows(run.scores) if (run.folder / "scores.json").is_file() else ():
         yield "scores", (*(row.get(name) for name in names), _json(row["counts"]))
+    errors = _COLUMNS["criticality"].replace(":int", "").replace(":float", "").split()[1:]
+    for error in load_critical_errors(run.folder) or ():
+        yield "criticality", tuple(getattr(error, name) for name in errors)
     for entry in m.conditions:
         yield "conditions", (str(entry), entry.version, m.seed, _json(entry.level))
     for sensor, effects in m.effects.items():
@@ -176,10 +185,10 @@ def _of_frames(run: Run) -> Iterator[tuple[str, tuple[object, ...]]]:
 def _of_timing(run: Run) -> Iterator[tuple[str, tuple[object, ...]]]:
     latency, host = read_record(run, "latency.json", LatencyTable), read_record(run, "host.json", Host)
     for stage in latency.stages if latency else ():
-        times = (getattr(stage, f"{name}_ms") for name in ("mean", "p50", "p95", "p99", "max", "first"))
+        times = (getattr(stage, f"{name}_ms") for name in _TIMES)
         yield "latency", (stage.stage, stage.count, *times, latency.budget_ms if latency else None, stage.reason)
     for name, value in host.root.items() if host else ():
-        yield "host", (name, str(value))
+        yield "host", (name, None if value is None else str(value))
 
 
 def _table(name: str, rows: Sequence[tuple[object, ...]]) -> PlainTable:

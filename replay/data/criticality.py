@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from fbench.replay.contracts.errors import RunError
+from fbench.replay.contracts.errors import RunError, first_wrong
 from fbench.replay.data.files import replace_text
 
 FILE = "criticality.json"
@@ -57,12 +57,13 @@ def load_critical_errors(folder: Path) -> list[CriticalError] | None:
     """Read what `save_critical_errors` wrote; `None` where a run has none of it, as those of older versions. Raises
     RunError where the file isn't a list of critical errors.
     """
+    from pydantic import TypeAdapter, ValidationError
+
     path = folder / FILE
     try:
-        errors = [CriticalError(**row) for row in json.loads(path.read_text(encoding="utf-8"))]
-        _ = [str(error) for error in errors]  # Numbers are numbers
+        return TypeAdapter(list[CriticalError]).validate_json(path.read_bytes())
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, TypeError) as error:
-        raise RunError(f"{path}: not a list of critical errors ({error}); score the run again") from error
-    return errors
+    except (OSError, ValidationError) as error:
+        why = first_wrong(error) if isinstance(error, ValidationError) else error.strerror
+        raise RunError(f"{path}: not a list of critical errors ({why}); score the run again") from error

@@ -17,9 +17,14 @@ _FILE = re.compile(r"[/\\]|\w\.[A-Za-z]")  # What texts have in which a file may
 _REDACTED = "redacted"
 
 
+def public_id(info: LogInfo) -> str:
+    """An id that says which logs are the same, and no more."""
+    return digest(info.log_id)
+
+
 def public_name(info: LogInfo) -> str:
     """A name that says which logs are the same, and no more."""
-    return f"log-{digest(info.log_id)[:8]}"
+    return f"log-{public_id(info)[:8]}"
 
 
 def public_pipeline(text: str) -> str:
@@ -40,7 +45,7 @@ def redact_manifest(manifest: Manifest) -> Manifest:
     return manifest.model_copy(
         update={
             "redacted": True,
-            "log": log.model_copy(update={"name": name, "log_id": digest(log.log_id), "metadata": metadata}),
+            "log": log.model_copy(update={"name": name, "log_id": public_id(manifest.log_info), "metadata": metadata}),
             "parameters": {
                 key: _parameter(key.rpartition(".")[2], value) for key, value in manifest.parameters.items()
             },

@@ -44,6 +44,8 @@ def latency_panels(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str,
             bars.append({"stage": stage, "cut": (stage.max_ms or 0.0) > scale, **places})
         facts, host = [], read_record(run, "host.json", records.Host)
         for name, value in host.root.items() if host else ():
+            if value is None:  # unknown here; an energy has its reason beside it
+                continue
             unit = " s" if name.endswith("_s") else ""
             facts.append((name.removesuffix("_s"), number(value, 2) + unit if isinstance(value, float) else str(value)))
         panel = {"label": label, "table": table, "host": facts, "bars": bars, "scale_ms": scale}

@@ -41,29 +41,32 @@ def test_frames_that_wait_in_line_miss_their_deadline():
 
 
 @pytest.mark.parametrize(
-    ("latency", "rates", "budget_ms", "line"),
+    ("latency", "rates", "line"),
     [
-        (None, ["1"], 100, "give --latency"),
-        ("measured", [], 100, "--rates: names no rate"),
-        ("measured", ["max"], 100, "--rates max: expected positive numbers"),
-        ("measured", ["-1"], 100, "--rates -1: expected positive numbers"),
-        ("measured", ["1"], 0, "--budget-ms 0: expected more than 0"),
+        (None, ["1"], "give --latency"),
+        ("measured", [], "--rates: names no rate"),
+        ("measured", ["max"], "--rates max: expected positive numbers"),
+        ("measured", ["-1"], "--rates -1: expected positive numbers"),
     ],
 )
-def test_options_that_make_no_sense(latency, rates, budget_ms, line):
+def test_options_that_make_no_sense(latency, rates, line):
     replay = ReplayRequest(LogRequest(Path("a.mcap")), "lidar3d", latency=latency)
     with pytest.raises(ConfigError, match=line):
-        SweepRequest(replay, rates, budget_ms)
+        SweepRequest(replay, rates)
 
 
 def test_the_command(fbench, log):  # noqa: F811
-    words = ("sweep", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rates", "1,0.5,4", "-o", "a")
+    how = ("-p", "lidar3d", "--latency", "fixed:60ms")
+    words = ("sweep", log, *how, "--rates", "1,0.5,4", "-o", "a", "--budget-ms", "90")
+    assert "--budget-ms 0: expected more than 0" in fbench(*words, "--budget-ms", "0").err
     shown = fbench(*words)
     assert shown.code == 0
     assert shown.out.split()[:5] == ["rate", "dropped", "%", "missed", "%"]
     assert "sustained up to 1." in shown.out
     content = json.loads(Path("a/sweep.json").read_text())
     usual, slow, fast = content["rates"]
+    budgets = [json.loads(path.read_text())["budget_ms"] for path in Path("a").rglob("latency.json")]
+    assert budgets == [content["budget_ms"]] * 6 == [90] * 6  # also of the replays in lockstep
     assert (usual["rate"], usual["frames"], usual["dropped"], usual["missed"]) == (1, 6, 0, 0)
     assert (slow["rate"], slow["dropped"]) == (0.5, 0)
     assert fast["dropped"] > 0
@@ -73,8 +76,8 @@ def test_the_command(fbench, log):  # noqa: F811
     }  # fmt: skip
     # At half the rate the pipeline gets the same frames, so that it isn't run again; the run is what it would be.
     for rate in ("0.5", "4"):
-        assert fbench("replay", log, "-p", "lidar3d", "--latency", "fixed:60ms", "--rate", rate, "--no-media",
-                      "--on-fault", "tolerant", "-o", f"b{rate}").code == 0  # fmt: skip
+        assert fbench("replay", log, *how, "--rate", rate, "--no-media", "--on-fault", "tolerant", "-o",
+                      f"b{rate}").code == 0  # fmt: skip
         for name in ("scores.json", "manifest.json", "frames.parquet", "tracks.parquet"):
             assert Path(f"b{rate}", name).read_bytes() == Path(f"a/rate-{rate}", name).read_bytes()
     assert fbench(*words).code == 2

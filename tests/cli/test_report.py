@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -64,12 +65,30 @@ def test_all_forms(fbench, place):
     assert typed["value"].dropna().tolist() == [s["value"] for s in scores if s["value"] is not None]
 
 
+def test_forms_count_as_the_scores_do(fbench, place):
+    """A run that was scored by other rules is colored and drawn by them."""
+    shutil.copytree(place / "run", "run")
+    assert fbench("score", "run", "--range-m", "1").code == 0
+    rows = {(r["metric"], r["class"], r["slice"]): r for r in json.loads(Path("run/scores.json").read_text())}
+    counts = rows["f1", "vehicle", "all"]["counts"]
+    assert (counts["tp"], counts["fp"]) == (0, 0)
+    assert fbench("report", "run", "--overlay", "o.mcap", "--figures", "f").code == 0
+    outcomes = [
+        pair.value for scene in decoded(Path("o.mcap"))["/fbench/detections"] for entity in scene.entities
+        for pair in entity.metadata if pair.key == "outcome"
+    ]  # fmt: skip
+    assert outcomes == ["ignored"] * len(outcomes) != []
+
+
 def test_another_log_and_what_goes_together(fbench, place):
     with McapWriter(Path("other.mcap"), LogInfo("other", "test-2", {}), rig()) as writer:
         for message in messages(1):
             writer.write(message)
     run = place / "run"
+    assert fbench("replay", place / "car.mcap", "-p", "lidar3d", "--redact", "--frames", ":3", "-o", "r").code == 0
+    assert fbench("report", "r", "--overlay", "r.mcap", "--log", place / "car.mcap").code == 0
     for words, why in [
+        (("r", "--overlay", "o.mcap", "--log", "other.mcap"), "other.mcap: isn't the log of"),
         ((run, run, "--overlay", "o.mcap"), "--overlay shows the results of one RUN, not of 2"),
         ((run, "--log", place / "car.mcap"), "--log goes with --overlay FILE.mcap"),
         ((run, "--overlay", place / "car.mcap", "--log", place / "car.mcap"), "is the log itself"),

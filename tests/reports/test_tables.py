@@ -4,16 +4,18 @@ import csv
 import json
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from tests.reports.conftest import Plan, score
+from tests.reports.conftest import LATENCY, Plan, score
 from tests.reports.test_safety import HOSTILE, SHOWN, hostile_plan
 
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.criticality import CriticalError, save_critical_errors
 from fbench.replay.runs.folder import Run
+from fbench.reports.html.page import page
 from fbench.reports.tables import write_suite_tables, write_tables
 
 MakeRun = Callable[[Plan], Run]
@@ -63,7 +65,25 @@ def test_every_table_is_there_in_every_form(make_run: MakeRun, tmp_path: Path) -
     assert "## scores\n\n| run | metric | class |" in text
     assert "\n| late3d | f1 | vehicle | all | bev 2 m | 0.8571 |" in text
     assert "p95_ms" not in text
-    assert "| late3d | total | 4 | 82.0 | 75.5 | 130.0 |" in (tmp_path / "t/timing/tables.md").read_text("utf-8")
+    assert "| late3d | total | 4 | 82.0 | 75.5 |  | 130.0 |" in (tmp_path / "t/timing/tables.md").read_text("utf-8")
+
+
+def test_what_the_report_shows_of_errors_and_times_is_there(make_run: MakeRun, tmp_path: Path) -> None:
+    stage = {"stage": "total", "count": 9, "p90_ms": 4.5, "p999_ms": None, "cpu_mean_ms": 3.25}
+    run = make_run(Plan(latency={**LATENCY, "stages": [stage]}))
+    (run.folder / "host.json").write_text('{"cpu": "Example CPU", "governor": null}')
+    error = CriticalError("miss", "tracks", "car", None, 5, 0.5, 0.75, 5, 7, 3, 12.5, 2.25, 4.5, 0.125)
+    save_critical_errors(run.folder, [error])
+    write_tables([run], tmp_path / "t")
+    (row,) = pd.read_parquet(tmp_path / "t/criticality.parquet").to_dict("records")
+    assert {name: value for name, value in row.items() if name not in ("run", "track_id")} == {
+        name: value for name, value in asdict(error).items() if name != "track_id"
+    }
+    assert pd.isna(row["track_id"])
+    (times,) = read_csv(tmp_path / "t/timing/latency.csv")
+    assert [times[name] for name in ("p90_ms", "p999_ms", "cpu_mean_ms")] == ["4.5", "", "3.25"]
+    assert [row["value"] for row in read_csv(tmp_path / "t/timing/host.csv")] == ["Example CPU", ""]
+    assert "<b>governor</b>" not in page([run])  # unknown here
 
 
 def test_equal_runs_give_equal_bytes(make_run: MakeRun, tmp_path: Path) -> None:

@@ -111,7 +111,8 @@ def test_critical_errors_have_times(tmp_path: Path) -> None:
     assert str(miss) == "miss: car #1 at 0.5-0.7 s, frame 5-7, 33 m away: 2.7 s to collision, 1.8 m/s² to brake"
     save_critical_errors(run.folder, errors)
     assert load_critical_errors(run.folder) == errors
-    for damage in ("{", "[1]", '[{"kind": 1}]'):
+    text = (run.folder / "criticality.json").read_text()
+    for damage in ("{", "[1]", '[{"kind": 1}]', text.replace('"lateral_mps2": ', '"lateral_mps2": "hard", "was": ')):
         (run.folder / "criticality.json").write_text(damage)
         with pytest.raises(RunError, match="not a list of critical errors"):
             load_critical_errors(run.folder)
