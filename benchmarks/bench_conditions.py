@@ -32,7 +32,7 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image, PointCloud, RadarScan
 from fbench.replay.data.rig import KINDS, CameraModel, Mount, Rig
-from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.geometry.threads import VARIABLE
 from fbench.replay.setup.source import LogRequest, log_source
 
 NUM_POINTS, NUM_ECHOES = 120_000, 2_000

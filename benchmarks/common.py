@@ -23,7 +23,7 @@ from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.frames import FrameStream
-from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.geometry.threads import VARIABLE
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.setup.source import LogRequest, log_source

@@ -60,7 +60,7 @@ Condition = Annotated[
 ]
 Seed = Annotated[int, Option(metavar="N", help="Random seed of conditions, and of latency from a profile.")]
 BudgetMs = Annotated[
-    float, Option(metavar="MS", help="A frame misses its deadline if it isn't done so long after it was ready.")
+    float, Option(metavar="MS", help="Time that a frame may take; in a sweep, counted from when it was ready.")
 ]
 ReadAhead = Annotated[str, Option(metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")]
 InterpolateTruthMs = Annotated[

@@ -134,7 +134,7 @@ def _run(what: "RobustSuite", num_jobs: int, json: bool) -> int:
 
 
 def _content(what: "RobustSuite", results: "Results", done: "list[tuple[RobustCell, CellResult]]") -> dict[str, object]:
-    from fbench.replay.data.scores import table_rows
+    from fbench.replay.data.scores import curve_rows, table_rows
     from fbench.replay.runs.folder import Run
 
     runs = []
@@ -146,6 +146,7 @@ def _content(what: "RobustSuite", results: "Results", done: "list[tuple[RobustCe
             "digest": run.manifest.digest if run else None, "effects": run.manifest.effects if run else {},
         })  # fmt: skip
     tables = {table.name: table_rows(table) for table in results.tables}
+    tables["severity_curves"] = [row for curves in results.curves for row in curve_rows(curves)]
     return {"facts": dict(results.facts), "tables": tables, "problems": list(results.problems), "runs": runs}
 
 

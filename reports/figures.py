@@ -34,8 +34,8 @@ _WIDTH_IN, _HEIGHT_IN = 3.5, 2.4  # A column of a paper
 _FORMS: Mapping[str, Mapping[str, str | None]] = {"svg": {"Date": None}, "png": {}}
 _SHARES = (-0.03, 1.03)  # Of an axis; what is 0 or 1 isn't cut off
 _MAX_LABEL = 40
-_SEVERITY = re.compile(r"(.+) ([1-5])")
-_ROBUSTNESS = "robustness_f1"
+_STEP = re.compile(r"(.+) (clear|[1-5])")
+_CURVES = "severity_curves"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,18 +73,16 @@ def draw_runs(runs: Sequence[Run], curves: Sequence[Curve | None], folder: Path)
 
 
 def draw_suite(results: Path, folder: Path) -> list[Path]:
-    """Draw F1 over severity, by condition, of the `results.json` of `fbench robust`; return the paths. Raises as
-    `draw_runs`.
+    """Draw F1 over severity, by condition, of the `results.json` of `fbench robust`; 0 is clear weather on the logs
+    that the condition fits. Return the paths. Raises as `draw_runs`.
     """
-    rows = read_results(results).get(_ROBUSTNESS, ())
-    clear = {row.column: row for row in rows if row.name == "clear"}
     found: dict[str, dict[str, dict[int, FigureRow]]] = {}
-    for row in rows:
-        if match := _SEVERITY.fullmatch(row.name):
+    for row in read_results(results).get(_CURVES, ()):
+        if match := _STEP.fullmatch(row.name):
             lines = found.setdefault(_short(match[1]), {})
-            lines.setdefault(row.column, {0: clear[row.column]} if row.column in clear else {})[int(match[2])] = row
+            lines.setdefault(row.column, {})[int(match[2].replace("clear", "0"))] = row
     if not found:
-        raise ConfigError(f"{results}: there is nothing to draw: no table '{_ROBUSTNESS}' with severities")
+        raise ConfigError(f"{results}: there is nothing to draw: no condition has several severities")
     return _save(folder / "robustness", partial(_draw_robustness, found))
 
 
@@ -151,7 +149,9 @@ def _draw_curves(curves: Sequence[tuple[str, Curve]], figure: "Figure") -> None:
 
 
 def _draw_latency(tables: Sequence[tuple[str, LatencyTable]], figure: "Figure") -> None:
-    """Stack the means of the stages, which add up, beside the 95th percentile of whole frames and the budgets."""
+    """Stack the means of the stages beside the 95th percentile of whole frames and the budgets. Stages that run side
+    by side make the stack longer than a frame.
+    """
     axes = figure.add_subplot()
     names = list(dict.fromkeys(stage.stage for _, table in tables for stage in table.stages if stage.stage != "total"))
     start = [0.0] * len(tables)

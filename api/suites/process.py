@@ -7,7 +7,7 @@ import tempfile
 from contextlib import suppress
 
 from fbench.api.suites.cells import RESPONSE, Response
-from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.geometry.threads import VARIABLE
 from fbench.replay.setup.request import ReplayRequest
 
 WORKER = "fbench.api.suites.worker"

@@ -159,7 +159,8 @@ def move_objects(objects: Objects, steps: Steps, ego: EgoMotion, else_standing: 
         unknown = np.full(n, np.nan)
         return Motion(unknown + 0j, *[unknown] * 5)
     turn = np.exp(1j * own.yaw_rad)[objects.step]
-    place = objects.center_m[:, 0] + 1j * objects.center_m[:, 1]
+    center_m, yaw_rad = _finite(objects.center_m), _finite(objects.yaw_rad)
+    place = center_m[:, 0] + 1j * center_m[:, 1]
     order = np.lexsort([steps.places[objects.step], objects.track_id, steps.stream[objects.step]])
     ids, streams = objects.track_id[order], steps.stream[objects.step][order]
     # Boxes without an id belong together with no other.
@@ -168,14 +169,20 @@ def move_objects(objects: Objects, steps: Steps, ego: EgoMotion, else_standing: 
     world = own.place[objects.step] + place * turn
     velocity = np.full(n, np.nan + 0j)
     if objects.velocity_mps is not None:
-        velocity = (objects.velocity_mps[:, 0] + 1j * objects.velocity_mps[:, 1]) * turn
+        own_mps = _finite(objects.velocity_mps)
+        velocity = (own_mps[:, 0] + 1j * own_mps[:, 1]) * turn
     derived, change = np.empty(n, np.complex128), np.empty(n, np.complex128)
     derived[order] = differentiate(world[order], time_s, stretch)
     velocity = np.where(np.isfinite(velocity), velocity, derived)
     if else_standing:
         velocity = np.where(np.isfinite(velocity), velocity, 0)
     change[order] = differentiate(velocity[order], time_s, stretch)
-    return _describe(velocity * np.conj(turn), change * np.conj(turn), place, objects.yaw_rad)
+    return _describe(velocity * np.conj(turn), change * np.conj(turn), place, yaw_rad)
+
+
+def _finite(values: Float64) -> Float64:
+    """The values, NaN where they are infinite: results may hold anything."""
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _describe(velocity: Complex, change: Complex, place: Complex, yaw_rad: Float64) -> Motion:

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from fbench.replay.contracts.params import StageClock
-from fbench.replay.geometry.kernels import num_threads
+from fbench.replay.geometry.threads import num_threads
 
 
 class Branches:

@@ -16,7 +16,7 @@ from fbench.replay.check.difference import TASK, Difference, Form, Outcome, Veri
 from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError, FbenchError, LogError, output_error
 from fbench.replay.contracts.plugins import parse_name, with_absolute_files
 from fbench.replay.contracts.variants import SUFFIX
-from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.geometry.threads import VARIABLE
 from fbench.replay.setup.request import ReplayRequest
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", VARIABLE)

@@ -251,6 +251,18 @@ def format_figure(figure: Figure, kind: Kind) -> str:
     return f"{text} ({format_number(figure.low, kind)} to {format_number(figure.high, kind)})"
 
 
+def curve_rows(curves: Curves) -> list[dict[str, object]]:
+    """Return the figures of curves as rows for JSON: a line a step, named by title and step; columns are lines."""
+    return [
+        row
+        for line in curves.lines
+        for step, figure in zip(curves.steps, line.figures, strict=True)
+        for row in table_rows(
+            ResultTable("", "", (Column(line.name),), (Line(f"{curves.title} {step}", line.space, (figure,)),))
+        )
+    ]
+
+
 def table_rows(table: ResultTable) -> list[dict[str, object]]:
     """Return a table's figures as rows for JSON."""
     return [

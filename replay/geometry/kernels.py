@@ -4,7 +4,6 @@ Only files that hold kernels import this one, because it imports numba.
 """
 
 import hashlib
-import os
 import pickle
 import platform
 from collections.abc import Callable, Iterator
@@ -181,17 +180,3 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
                 self.flush()
         except OSError:  # full or read-only
             self.disable()
-
-
-VARIABLE = "FBENCH_THREADS"
-"""Environment variable that says so; `fbench bench` sets it to 1 in each of its worker processes."""
-
-
-def num_threads() -> int:
-    """As many as `FBENCH_THREADS` says, at least one; without it, one for each processor that this process may use. A
-    value that is no number counts as none. Results never depend on it.
-    """
-    given = os.environ.get(VARIABLE, "").strip()
-    if given.isdecimal():
-        return max(1, int(given))
-    return len(os.sched_getaffinity(0))

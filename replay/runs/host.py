@@ -20,6 +20,8 @@ from statistics import median
 
 import numpy as np
 
+from fbench.replay.geometry.threads import num_threads
+
 MOST_APART = 0.1
 """Machines whose times of the reference kernel differ by a larger share are of different speed."""
 REPEATS = 5
@@ -33,8 +35,6 @@ def describe_host(system: Path = _SYSTEM) -> dict[str, str | int | float | None]
     """Describe the machine, for reading timings: processor, cores, governor of their clock, threads that pipelines and
     libraries use, and the load (processes that ran or waited in the last minute); `None`: unknown, or not set.
     """
-    from fbench.replay.geometry.kernels import num_threads  # which imports numba
-
     governor = None
     with suppress(OSError):
         path = system / "devices/system/cpu/cpu0/cpufreq/scaling_governor"

@@ -18,7 +18,7 @@ from fbench.pipelines.variants.early_late import Late3D, Late3DParams
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo
-from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.geometry.threads import VARIABLE
 from fbench.replay.runs.digest import digest
 
 PATIENCE_S = 60.0

@@ -76,20 +76,21 @@ def test_equal_runs_give_equal_bytes(make_run: MakeRun, tmp_path: Path, monkeypa
 def results(folder: Path, *rows: tuple[str, str, float | None, float | None, float | None]) -> Path:
     keys = ("name", "column", "value", "low", "high")
     path = folder / "results.json"
-    path.write_text(json.dumps({"tables": {"robustness_f1": [dict(zip(keys, row, strict=True)) for row in rows]}}))
+    path.write_text(json.dumps({"tables": {"severity_curves": [dict(zip(keys, row, strict=True)) for row in rows]}}))
     return path
 
 
 def test_robustness_is_drawn_over_severity_by_condition(tmp_path: Path, drawn) -> None:
     path = results(
-        tmp_path, ("clear", "late3d", 0.9, 0.85, 0.95), ("fog 1", "late3d", 0.8, 0.7, 0.9),
+        tmp_path, ("fog clear", "late3d", 0.9, 0.85, 0.95), ("fog 1", "late3d", 0.8, 0.7, 0.9),
         ("fog 3", "late3d", 0.5, 0.4, 0.6), ("fog 5", "late3d", None, None, None),
-        ("dropout.radar", "late3d", 0.7, None, None),
-        ("rain 2", "late3d", 0.6, None, None), ("fog 3", "lidar3d", 0.3, None, None),
+        ("dropout.radar clear", "late3d", 0.7, None, None),
+        ("dropout.radar 2", "late3d", 0.6, None, None), ("fog 3", "lidar3d", 0.3, None, None),
     )  # fmt: skip
     draw_suite(path, tmp_path / "f")
-    fog, rain = drawn["robustness"].axes
-    assert (fog.get_title(), rain.get_title()) == ("fog", "rain")
+    fog, radar = drawn["robustness"].axes
+    assert (fog.get_title(), radar.get_title()) == ("fog", "dropout.radar")
+    assert list(radar.lines[0].get_ydata()) == [0.7, 0.6]
     assert [(list(line.get_xdata()), list(line.get_ydata())) for line in fog.lines] == [
         ([0, 1, 3], [0.9, 0.8, 0.5]), ([3], [0.3]),
     ]  # fmt: skip
@@ -100,7 +101,7 @@ def test_nothing_to_draw_is_an_error(make_run: MakeRun, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="nothing to draw"):
         draw_runs([make_run(Plan(scores=None, latency=None))], [None], tmp_path / "f")
     with pytest.raises(ConfigError, match="nothing to draw"):
-        draw_suite(results(tmp_path, ("clear", "late3d", 0.9, None, None)), tmp_path / "f")
+        draw_suite(results(tmp_path), tmp_path / "f")
     assert not (tmp_path / "f").exists()
 
 

@@ -14,7 +14,7 @@ from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.geometry.kernels import num_threads
+from fbench.replay.geometry.threads import num_threads
 
 BUILTIN = Path(__file__).with_name("learned3d.onnx")  # See `docs/learned.md`
 _MAX_IOU = 0.15  # Solid things don't share their place

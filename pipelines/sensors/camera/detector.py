@@ -24,7 +24,7 @@ from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.geometry.camera import require_projection
 from fbench.replay.geometry.iou import common_areas, iou_2d
-from fbench.replay.geometry.kernels import num_threads
+from fbench.replay.geometry.threads import num_threads
 
 
 @dataclass(frozen=True)

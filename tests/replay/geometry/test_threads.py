@@ -5,7 +5,7 @@ import pytest
 
 from fbench.api.suites.cells import Response
 from fbench.api.suites.process import Worker
-from fbench.replay.geometry.kernels import VARIABLE, num_threads
+from fbench.replay.geometry.threads import VARIABLE, num_threads
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 
@@ -29,7 +29,7 @@ def test_else_one_for_each_processor(text: str | None, monkeypatch: pytest.Monke
 def test_a_worker_of_a_suite_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "asked.py").write_text(
         "from fbench.api.suites.cells import RESPONSE, Response\n"
-        "from fbench.replay.geometry.kernels import num_threads\n"
+        "from fbench.replay.geometry.threads import num_threads\n"
         "input()\n"
         "print(RESPONSE.dump_json(Response(str(num_threads()))).decode(), flush=True)\n"
     )

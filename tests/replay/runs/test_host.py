@@ -6,7 +6,7 @@ from types import ModuleType
 
 import pytest
 
-from fbench.replay.geometry.kernels import num_threads
+from fbench.replay.geometry.threads import num_threads
 from fbench.replay.runs.host import EnergyMeter, compare_hosts, describe_host, measure_reference_ms, peak_memory_mib
 from fbench.replay.runs.manifest import package_versions
 
