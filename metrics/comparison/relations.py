@@ -46,6 +46,10 @@ def compare_relations(base: Path, head: Path, pipeline: str, condition: str) -> 
         delta = None if one is None or two is None else two - one
         names = pipeline, condition, "agreement", "any", f"relation {name}", "with the original", "1"
         rows.append(Row(*names, one, two, delta, verdict, f"relation, at least {own.least:g}", reason))
+    for name in (name for name in before if name not in after):
+        names = pipeline, condition, "agreement", "any", f"relation {name}", "with the original", "1"
+        how = f"relation, at least {before[name].least:g}"
+        rows.append(Row(*names, before[name].agreement, None, None, "REGRESSED", how, "nothing was measured in head"))
     return sorted(rows, key=lambda row: (row.verdict != "REGRESSED", row.delta or 0.0, row.slice))
 
 

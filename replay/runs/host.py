@@ -150,7 +150,8 @@ def compare_hosts(base: Mapping[str, object], head: Mapping[str, object]) -> lis
     """Return why latencies of two runs can't be compared, by their `host.json`; empty where they can: the same
     processor and settings, and times of the reference kernel at most 10 % apart.
     """
-    found = [f"{name} {base.get(name)} and {head.get(name)}" for name in _FACTS if base.get(name) != head.get(name)]
+    shown = [{name: "unknown" if side.get(name) is None else side[name] for name in _FACTS} for side in (base, head)]
+    found = [f"{name} {shown[0][name]} and {shown[1][name]}" for name in _FACTS if shown[0][name] != shown[1][name]]
     times = [side.get("reference_ms") for side in (base, head)]
     known = [float(value) for value in times if isinstance(value, int | float) and value > 0]
     if len(known) < len(times):
