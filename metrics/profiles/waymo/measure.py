@@ -58,7 +58,8 @@ def measure(
 ) -> WaymoStatistics:
     """Match a sequence; `sensor_m`: with longitudinal tolerance, seen from there on the body; `None`: without.
 
-    Truth without points, or that is ignored, is left out, so that results on it are false. Raises MetricError where boxes have no place in space.
+    Truth without points, or that is ignored, is left out, so that results on it are false. Raises MetricError where
+    boxes have no place in space.
     """
     valid_truth, valid = (is_valid(objects, "iou3d") for objects in (sequence.truth, sequence.estimates))
     kept = valid_truth if sequence.truth.num_points is None else valid_truth & (sequence.truth.num_points != 0)
