@@ -147,8 +147,8 @@ def test_latency_is_shown_as_measured(make_run: MakeRun, report: Write) -> None:
     text = report(make_run(Plan())).text
     assert "not part of the deterministic result" in text
     assert "1 of 4 frames took longer than the budget of 100 ms (25.0 %)" in text
-    assert "detect.lidar 11.5 20.2 22.0 22.0 12.0 31.0 4" in text
-    assert "whole frame › 75.5 130.0 131.0 1 131.0 82.0 131.0 4" in text
+    assert "detect.lidar 11.5 18.5 20.2 22.0 – 22.0 12.0 9.5 31.0 4" in text
+    assert "whole frame › 75.5 – 130.0 131.0 – 1 131.0 82.0 – 131.0 4" in text
     assert "cpu Example CPU" in text
     assert "wall 1.23 s" in text
 
