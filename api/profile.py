@@ -86,12 +86,11 @@ def profile(
         found = fit_profile(name, runs[0].manifest.log.name, request.repeats, host, times, contents)
         stamps = [frame.stamp_ns for frame in runs[0].frames]
     replace_text(path, found.model_dump_json() + "\n")
-    total = {row: ns[WHOLE] for row, ns in enumerate(times)}
     stages = dict.fromkeys(stage for own in times for stage in own)
     table = {stage: {row: own[stage] for row, own in enumerate(times) if stage in own} for stage in stages}
     # Those of warm-up are left out already, so all count.
     summary = summarize(table, clock="log", budget_ms=BUDGET_MS) | {"clock": "host"}
-    mean_ns = sum(total.values()) / len(total)
+    mean_ns = sum(own[WHOLE] for own in times) / len(times)
     period_ns = (stamps[-1] - stamps[0]) / (len(stamps) - 1) if len(stamps) > 1 else math.nan
     return RecordedProfile(path, found, summary, 1e9 / mean_ns, period_ns / mean_ns if period_ns > 0 else None)
 

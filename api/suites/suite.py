@@ -1,4 +1,4 @@
-"""What a suite is: its logs, pipelines and conditions, and the cells that they make."""
+"""Suites: their logs, pipelines and conditions, and the cells that they make."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence

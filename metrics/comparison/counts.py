@@ -158,14 +158,14 @@ def _count_tracks(view: View, group: Group, part: Part | None, frames: Int64) ->
     has_id = np.append(judged.candidates.estimates.track_id[judged.is_used] >= 0, False)[pairs.estimate_of]
     rows = np.flatnonzero((pairs.event & SWITCH) != 0)
     if not has_id[pairs.estimate_of >= 0].all():  # matches without an id don't count
-        rows = _switched(problem.truth_id, pairs.estimate_of, judged, has_id)
+        rows = _find_switches(problem.truth_id, pairs.estimate_of, judged, has_id)
     switches, right = (
         np.bincount(truth[r], minlength=len(frames)) for r in (rows, identified(problem, view.match.floor))
     )
     return np.column_stack([count_outcomes(judged, frames), switches, right]).astype(np.int64)
 
 
-def _switched(truth_id: Int64, estimate_of: Int64, judged: Judgement, has_id: Bool) -> Int64:
+def _find_switches(truth_id: Int64, estimate_of: Int64, judged: Judgement, has_id: Bool) -> Int64:
     """Rows of truth that are on another track than at the last match with an id."""
     track_id = judged.candidates.estimates.track_id[judged.is_used]
     rows = np.flatnonzero(has_id)

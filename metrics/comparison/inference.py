@@ -119,7 +119,7 @@ class PairedUnits:
         if len(known) < (1 - MOST_UNDEFINED) * len(drawn):
             why = f"undefined in {len(drawn) - len(known)} of {len(drawn)} resamples"
             return Inference(one, two, per_box=per_box, num_units=self.num_units, reason=why)
-        low, high = np.quantile(known, _expanded(self.num_units)).tolist()
+        low, high = np.quantile(known, _widen_levels(self.num_units)).tolist()
         few = float(np.sqrt(self.num_units / (self.num_units - 1)))
         std = float(known.std()) * few
         return Inference(one, two, low, high, self.test(base, head, value), std, per_box, self.num_units)
@@ -146,7 +146,7 @@ def _worth_of_one(total: Float64, value: Ratio) -> float:
     return float(np.nanmax(np.abs(moved - value(total)), initial=0.0))
 
 
-def _expanded(num_units: int) -> list[float]:
+def _widen_levels(num_units: int) -> list[float]:
     """Levels of the percentiles of a 95 % interval of a mean of few units."""
     rest = (1 - Bootstrap().share) / 2
     wide = np.sqrt(num_units / (num_units - 1)) * special.stdtrit(num_units - 1, rest)

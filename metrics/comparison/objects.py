@@ -174,15 +174,15 @@ def _false(side: _Side) -> Iterator[tuple[int, Float64, int]]:
 
 def _switches(base: _Side, head: _Side) -> Iterator[Event]:
     """Yield switches of identity that the base hasn't."""
-    old = {(base.records[frame].stamp_ns, *rest) for (frame, *rest), _ in _switched(base)}
-    for (frame, identity, camera), row in _switched(head):
+    old = {(base.records[frame].stamp_ns, *rest) for (frame, *rest), _ in _find_switches(base)}
+    for (frame, identity, camera), row in _find_switches(head):
         if (head.records[frame].stamp_ns, identity, camera) not in old and head.followed is not None:
             truth = head.followed[0].candidates.truth
             place, label = place_of(truth, row), str(truth.label[row])
             yield Event("NEW SWITCH", identity, label, camera, frame, place, "base kept its track")
 
 
-def _switched(side: _Side) -> Iterator[tuple[tuple[int, int, str], int]]:
+def _find_switches(side: _Side) -> Iterator[tuple[tuple[int, int, str], int]]:
     if side.followed is None:
         return
     judged, _, pairs = side.followed
