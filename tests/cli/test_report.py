@@ -114,7 +114,7 @@ def test_a_suite_has_tables_and_figures(fbench):
         "published": None,
         "counts": {},
     }
-    Path("suite/results.json").write_text(json.dumps({"tables": {"robustness_f1": [row]}}))
+    Path("suite/results.json").write_text(json.dumps({"tables": {"severity_curves": [row]}}))
     result = fbench("report", "suite", "--tables", "t", "--figures", "f")
     assert (result.code, result.out) == (0, "tables: t (3 files)\nfigures: f (2 files)\n")
     assert fbench("report", "suite").err == (
