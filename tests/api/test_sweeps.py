@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.cli.conftest import fbench, log  # noqa: F401
 
-from fbench.api.sweep import SweepRequest, find_sustainable_rate
+from fbench.api.sweeps import SweepRequest, find_sustainable_rate
 from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.engine.service_queue import OverloadPolicy
 from fbench.replay.setup.request import ReplayRequest
