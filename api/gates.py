@@ -227,7 +227,10 @@ def _compare_results(request: CompareRequest) -> Comparison:
     state = _state(rows, failures, all(pair.is_identical for pair in pairs), policy)
     first = tuple(objects[:_MOST_OBJECTS])
     all_notes = tuple(failures), tuple(notes)
-    return Comparison(tuple(rows), request.tolerance, state, *all_notes, divergences, first, tuple(worst[:10]))
+    cells = tuple(pair.entry for pair in pairs)
+    return Comparison(
+        tuple(rows), request.tolerance, state, *all_notes, divergences, first, tuple(worst[:10]), cells=cells
+    )
 
 
 def _describe(rule: Rule) -> str:
