@@ -8,7 +8,16 @@ from xml.etree import ElementTree
 import pytest
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.comparison import ComparedCell, Comparison, Divergence, ObjectChange, Row, State, Verdict, schema
+from fbench.replay.data.comparison import (
+    ComparedCell,
+    Comparison,
+    Divergence,
+    ObjectChange,
+    Row,
+    State,
+    Verdict,
+    schema,
+)
 from fbench.reports.ci import FORMATS, parse_target, write_comparison
 
 ROOT = Path(__file__).resolve().parents[2]
