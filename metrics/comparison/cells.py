@@ -12,6 +12,7 @@ from fbench.metrics.core.bootstrap import LEAST_UNITS
 from fbench.metrics.runs.scoring import Pieces, cut_run
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Int64
+from fbench.replay.data.comparison import ComparedCell
 from fbench.replay.data.metadata import SCENE_ID
 from fbench.replay.data.scores import Score
 from fbench.replay.runs.digest import START, digest, link
@@ -129,6 +130,11 @@ class CellPair:
         is_same = bool(one.digest) and one.digest == two.digest and one.data_key == two.data_key
         values = [[(score.key, score.value) for score in side.scores] for side in (self.base, self.head)]
         return is_same and values[0] == values[1]
+
+    @property
+    def entry(self) -> ComparedCell:
+        """What the comparison says of it."""
+        return ComparedCell(str(self.name), self.name.pipeline, self.name.condition)
 
     @property
     def scene(self) -> str:

@@ -178,6 +178,13 @@ def require_printable(text: str) -> str:
     return text
 
 
+def require_whole(value: object) -> object:
+    """Return a number of a configuration. Raises ValueError for `true` and `1.0`, which Python takes for 1."""
+    if type(value) is not int:
+        raise ValueError("expected a whole number")
+    return value
+
+
 def wrong_key(error: "ValidationError", table_of: Callable[[list[str]], "type[BaseModel]"], hint: str = "") -> str:
     """Say what is wrong first in a TOML file: `table_of` gives the table of a key that isn't known, for the name that
     may be meant, and `hint` follows.

@@ -177,6 +177,8 @@ def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:
         (GATE + 'slice = "\\u0000"\n', "gate.toml:4: 'gate.0.slice': has characters that"),
         ("version = 1\n[[budget]]\nfailed_frames = 0\n", "gate.toml:2: 'budget'"),
         ("version = \n", "not TOML"),
+        ("alpha = 0.1\nversion = true\n", "gate.toml:2: 'version': expected a whole number"),
+        ("version = 1.0\n", "gate.toml:1: 'version': expected a whole number"),
     ],
 )  # fmt: skip
 def test_broken_policies_are_refused_with_file_line_and_key(tmp_path: Path, text: str, said: str) -> None:
