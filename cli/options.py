@@ -249,6 +249,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench log simulate highway --sensors 'lidar,radar' --set weather.rain_mm_h=30 -o rain.mcap",
         "fbench log simulate suite --split test -o suite",
     ),
+    "weights compare": ("fbench weights compare drive.mcap deimv2-femto yolox-nano mine.onnx",),
     "weights list": ("fbench weights list", "fbench weights list --json"),
     "weights get": (
         "fbench weights get deimv2-femto",

@@ -97,7 +97,7 @@ def test_a_sweep_that_fails_leaves_nothing_and_replaces_nothing(fbench, log, mon
     def fail(*args):
         raise RunError("no space left")
 
-    monkeypatch.setattr(sys.modules[SweepRequest.__module__], "write_sweep_page", fail)
+    monkeypatch.setattr(sys.modules[SweepRequest.__module__], "write_page", fail)
     assert fbench(*words, "--overwrite").code == 3
     assert Path("a/mine.txt").read_text() == "kept"
     assert not Path(".a.partial").exists()
