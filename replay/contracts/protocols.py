@@ -2,14 +2,16 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 from fbench.replay.contracts.importing import Imported, ImportRequest
 from fbench.replay.data.frames import Fault, Frame, Output
 from fbench.replay.data.messages import Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.data.scores import Score, ScoreOptions
-from fbench.replay.runs.folder import Run
+
+if TYPE_CHECKING:  # reading of runs takes half a second to import, which programs of plug-ins needn't
+    from fbench.replay.runs.folder import Run
 
 
 class Reader(Protocol):
@@ -261,7 +263,7 @@ class KeepsStderr(Protocol):
 class Metric(Protocol):
     """Scores of one run, computed from its folder alone. Made without arguments."""
 
-    def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
+    def scores(self, run: "Run", options: ScoreOptions) -> Sequence[Score]:
         """Return this metric's rows, the primary one first."""
 
 
@@ -276,5 +278,5 @@ class AddsCounts(Protocol):
 class Report(Protocol):
     """Turns runs and their scores into a file; computes nothing. Made without arguments."""
 
-    def write(self, runs: Sequence[Run], out: Path) -> None:
+    def write(self, runs: "Sequence[Run]", out: Path) -> None:
         """Write the report of these runs to `out`."""
