@@ -204,7 +204,7 @@ def _line(error: Exception) -> str:
     """One line about an error, whatever is in its text."""
     match error:
         case FbenchError():
-            text = f"{error} [{error.code}]" if error.code else str(error)
+            text = error.line
         case MemoryError():
             text = "out of memory: the data needs more than there is"
         case ImportError() | OSError() | RuntimeError() if any(sign in str(error) for sign in _SIGNS_OF_NO_MEMORY):

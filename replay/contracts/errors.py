@@ -44,6 +44,11 @@ class FbenchError(Exception):
         self.code = code
         """Row of the fault table (`replay/contracts/faults.py`), empty where none fits."""
 
+    @property
+    def line(self) -> str:
+        """The message, and the code where there is one."""
+        return f"{self} [{self.code}]" if self.code else str(self)
+
 
 class ConfigError(FbenchError):
     """Usage or configuration: an unknown name, a wrong parameter, an output folder that exists."""

@@ -96,7 +96,7 @@ def in_this_process(monkeypatch):
                     run(task)
                 except FbenchError as error:
                     self.returncode = error.exit_code
-                    return f"{error}\n", ""
+                    return f"{error.line}\n", ""
             self.returncode = 0
             return "", ""
 

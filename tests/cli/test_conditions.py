@@ -87,6 +87,13 @@ def test_bad_input_is_one_line(fbench, log, plugin, tmp_path, command, condition
     assert {p.name for p in tmp_path.iterdir()} <= {"car.mcap", "mine.py", "__pycache__"}
 
 
+def test_verify_says_what_replay_says_of_a_condition_that_fails(fbench, log, plugin):
+    options = (log, "-p", "lidar3d", "--condition", "mine.py:Other")
+    result = fbench("verify", *options)
+    assert (result.code, result.err) == (3, fbench("replay", *options).err)
+    assert result.err.endswith(" [COR001]\n")
+
+
 def test_a_log_without_truth_cant_have_its_objects_disturbed(fbench, tmp_path):
     write_log(tmp_path / "bare.mcap", messages())
     result = fbench("replay", "bare.mcap", "-p", "lidar3d", "--condition", "object.moved:3")
