@@ -75,7 +75,7 @@ def _weighted_mota(n: Float64) -> Float64:
     return _ratio(n[..., 2] - n[..., 4] - n[..., 5], n[..., 3])
 
 
-RATIOS = {
+RATIOS: Mapping[str, Mapping[str, Callable[[Float64], Float64]]] = {
     "detection": {"f1": _f1, "precision": _precision, "recall": _recall},
     "tracking": {"mota": _mota, "mota_no_fp": _mota_no_fp, "idf1": _idf1, "idsw": _count(3)},
     "critical detection": {
