@@ -1,6 +1,7 @@
 """Paired differences of ratios of counts: intervals, tests, and the smallest difference that the data could show."""
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -30,6 +31,12 @@ class ErrorRates:
     def __post_init__(self) -> None:
         if not (0 < self.alpha < 0.5 and 0 < self.power < 1 and self.num_resamples >= 100 and self.num_flips >= 100):
             raise ConfigError("expected 0 < alpha < 0.5, 0 < power < 1, and at least 100 resamples and flips")
+
+    def least_units(self, num_judged: int) -> int:
+        """Return of how many units on a test could find anything, judged together with `num_judged` in all: swapping U
+        units gives no p value below 2^(1 - U).
+        """
+        return max(LEAST_UNITS, 1 + math.ceil(math.log2(max(num_judged, 1) / self.alpha)))
 
 
 @dataclass(frozen=True)

@@ -135,8 +135,7 @@ class Comparison:
     def changes_of(self, row: Row) -> tuple[tuple[Divergence, ...], tuple[ObjectChange, ...]]:
         """Return first differences and changes of objects in the cells whose number a row is."""
         own = {cell.name for cell in self.cells if (cell.pipeline, cell.condition) == (row.pipeline, row.condition)}
-        divergences, objects = ([c for c in every if c.cell in own] for every in (self.divergences, self.objects))
-        return tuple(divergences), tuple(objects)
+        return tuple(d for d in self.divergences if d.cell in own), tuple(o for o in self.objects if o.cell in own)
 
     @property
     def places(self) -> Mapping[str, str]:
