@@ -1,7 +1,7 @@
 """Overlap of frames: processes observe frames while the loop concludes earlier ones, in their order.
 
-Each process has a pipeline of its own, and hears of all frames, but only the poses of those that others observe. So what
-it makes of a frame is what the loop's own pipeline would have made of it: see `contracts.protocols.Overlaps`.
+Each process has a pipeline of its own and hears of all frames, but gets only the poses of those that others observe.
+So what it makes of a frame is what the loop's own pipeline would have made of it: see `contracts.protocols.Overlaps`.
 """
 
 import os
@@ -30,7 +30,7 @@ from fbench.replay.geometry.threads import VARIABLE
 
 MOST_PROCESSES = 256
 _AHEAD = 2  # Frames that each process has, so that it needn't wait for the next one
-_END_S = 5.0  # To end by itself; then it is killed
+_END_S = 2.0  # To end by itself; then it is killed
 _PROGRAM = "import sys; from fbench.replay.engine.overlap import main; sys.exit(main(sys.argv[1:]))"
 
 _Order: TypeAlias = tuple[str, Any]
