@@ -255,6 +255,7 @@ def replay(
         host |= {"peak_memory_mib": round(peak_memory_mib(), 1), "reference_ms": round(measure_reference_ms(), 3)}
         pace = clock.pace
         known = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
+        known |= {"drift_ms_per_min": pace.drift_ms_per_min}
         host |= {"isolated": True} if request.isolate else {}
         host |= {"overlap": 1 if plan.overlap is None else plan.overlap.num, "frames_per_s": speed.frames_per_s}
         host |= {name: round(value, 3) for name, value in known.items() if value is not None}
@@ -273,6 +274,8 @@ def replay(
 
     with ExitStack() as opened, explain_losses(faults):
         pipeline, parameters = opened.enter_context(open_requested(request, options.settings))
+        if options.latency is not None and options.latency.profile is not None:
+            options.latency.profile.require_parameters(parameters)
         plan = replace(
             make_plan(options, pipeline, name, parameters),
             variant=entry,

@@ -146,6 +146,7 @@ def _status(run: Run) -> list[str]:
         lines.append(f"pace: {achieved} real time{speed}{overlap}")
     else:
         late = f"p99 late {host['p99_late_ms']:.1f} ms, max {host['max_late_ms']:.1f} ms"
+        late += f", drift {host['drift_ms_per_min']:.2f} ms a minute" if "drift_ms_per_min" in host else ""
         lines.append(f"pace: asked {host['rate']}x, achieved {achieved}, {late}")
     return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
 

@@ -282,6 +282,9 @@ class KeepsStderr(Protocol):
     def stderr(self) -> bytes:
         """What it wrote to stderr until now, bounded; may be any bytes."""
 
+    def cpu_ns(self) -> int | None:
+        """CPU time [ns] that the program that runs has used; `None`: unknown, or none runs."""
+
 
 class Metric(Protocol):
     """Scores of one run, computed from its folder alone. Made without arguments."""

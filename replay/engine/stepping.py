@@ -35,7 +35,7 @@ class Step:
     output: Output | None = None
     failed: str | None = None
     total_ns: int = 0  # Of the wall clock
-    cpu_ns: int | None = None  # Of all threads of this process; `None`: the pipeline runs in another
+    cpu_ns: int | None = None  # Of all threads of the process in which the pipeline runs; `None`: unknown
     compiled: bool = False  # Whether code was compiled or loaded meanwhile
 
 
@@ -77,16 +77,23 @@ class Stepper:
         """Run the pipeline on a frame that was measured with a rig, or conclude what another process `observed` in it.
         Raises RunError after many failures in a row.
         """
-        is_here = not isinstance(self._plan.pipeline, KeepsStderr)
-        num_compiled, start, cpu_start = self._warm_up.count(), time.perf_counter_ns(), time.process_time_ns()
+        num_compiled, start, cpu_start = self._warm_up.count(), time.perf_counter_ns(), self._cpu_ns()
         output, failed = self._run(frame, rig, observed)
         synchronize_cuda()
-        total_ns, cpu_ns = time.perf_counter_ns() - start, time.process_time_ns() - cpu_start
+        total_ns, cpu_end = time.perf_counter_ns() - start, self._cpu_ns()
+        # Less where the program was started again meanwhile, whose clock then began anew.
+        is_known = cpu_start is not None and cpu_end is not None and cpu_end >= cpu_start
+        cpu_ns = (cpu_end or 0) - (cpu_start or 0) if is_known else None
         compiled = self._warm_up.count() > num_compiled
         if observed is not None:
-            total_ns, cpu_ns = total_ns + observed.wall_ns, cpu_ns + observed.cpu_ns
+            total_ns, cpu_ns = total_ns + observed.wall_ns, (cpu_ns or 0) + observed.cpu_ns
             compiled = compiled or observed.compiled
-        return Step(output, failed, total_ns, cpu_ns if is_here else None, compiled)
+        return Step(output, failed, total_ns, cpu_ns, compiled)
+
+    def _cpu_ns(self) -> int | None:
+        """CPU time so far of the process that the pipeline runs in."""
+        pipeline = self._plan.pipeline
+        return pipeline.cpu_ns() if isinstance(pipeline, KeepsStderr) else time.process_time_ns()
 
     def skip(self, frame: Frame) -> None:
         """Tell the pipeline of a frame that it doesn't get, if it wants to know."""
