@@ -13,6 +13,7 @@ from fbench.api.scores import IN_LOCKSTEP, score_folder
 from fbench.api.suites.runner import share_memory
 from fbench.metrics.latency import warm_up_frames
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.files import Draft, replace_text
 from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, ScoreOptions
 from fbench.replay.engine.clock import make_clock
@@ -103,7 +104,8 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
         raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
     if folder.exists() and not (folder / RESULT).is_file():
         raise ConfigError(f"{folder}: exists and isn't a sweep, so --overwrite doesn't touch it")
-    model, budget_ms = request.replay.resolve().latency or LatencyModel(), request.replay.budget_ms
+    options, budget_ms = request.replay.resolve(), request.replay.budget_ms
+    model = options.latency or LatencyModel()
     with Draft(folder, is_folder=True) as draft, SharedLogs(share_memory(1)) as shared:
         runs, rates = list[Run](), list(dict.fromkeys(request.rates))
         for num, rate in enumerate(rates):
@@ -116,7 +118,8 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
         rows = [_row(run, float(rate), budget_ms) for run, rate in zip(runs, rates, strict=True)]
         ready_ns, lockstep = _ready_ns(runs[0]), runs[0].folder / IN_LOCKSTEP
         if model.profile is not None:
-            service_ns = model.profile.draw_run_ns(model.seed, Run(lockstep))
+            log_id = options.log.open(FaultLog()).info.log_id  # that of a redacted run is another
+            service_ns = model.profile.draw_run_ns(model.seed, Run(lockstep), log_id)
         else:
             fixed_ns = model.fixed_ns
             service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)

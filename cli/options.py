@@ -62,6 +62,14 @@ Seed = Annotated[int, Option(metavar="N", help="Random seed of conditions, and o
 BudgetMs = Annotated[
     float, Option(metavar="MS", help="Time that a frame may take; in a sweep, counted from when it was ready.")
 ]
+Overlap = Annotated[
+    int,
+    Option(
+        metavar="N",
+        help="Detect in several frames at the same time, in N processes, where the pipeline allows it. The results are "
+        "the same.",
+    ),
+]
 ReadAhead = Annotated[str, Option(metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")]
 InterpolateTruthMs = Annotated[
     float,

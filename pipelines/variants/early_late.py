@@ -121,12 +121,17 @@ class FusedImages(FusionPipeline[Boxes2D]):
         """Say where nearly all clusters of LiDAR were rejected."""
         return self._lidar.warnings()
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Any:
         faults = list[Fault]()
-        cameras, *others = self._view(frame, clock, faults, self._lidar.view, self._radar.view)
+        return self._view(frame, clock, faults, self._lidar.view, self._radar.view), tuple(faults)
+
+    def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes2D]:
+        (cameras, *others), faults = seen
+        self._lidar.remember(others[0])
+        self._radar.remember(others[1])
         with clock.stage("fuse"):
             lidar, radar = others if self.merges_points else [replace(view, points={}) for view in others]
-            return Detected(self._fusion.merge(cameras, lidar, radar), tuple(faults))
+            return Detected(self._fusion.merge(cameras, lidar, radar), faults)
 
 
 class Early2D(FusedImages):
@@ -187,16 +192,19 @@ class Early3D(FusionPipeline[Boxes3D]):
         """Those that it uses, and the cameras of a stereo pair, also without weights."""
         return tuple(sorted({*super().required_sensors(), *self._depth.pair}))
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Any:
         of_images, of_pairs = list[Fault](), list[Fault]()
         find_depth = partial(self._depth.view, faults=of_pairs)
-        cameras, depth, echoes = self._view(frame, clock, of_images, find_depth, self._radar.echoes)
+        views = self._view(frame, clock, of_images, find_depth, self._radar.echoes)
+        return views, tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
+
+    def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes3D]:
+        (cameras, depth, echoes), faults = seen
         with clock.stage("fuse"):
-            params, stage = self._params, self._depth
+            params, stage, depth = self._params, self._depth, self._depth.remember(depth)
             cloud = merge_clouds(depth, echoes, params.radar.min_speed_mps, params.fusion.echoes)
             scene = Scene(self._rig, cameras, cloud, depth.plane, depth.lidar.tall, stage.eye_m, stage.shapes)
             boxes = fuse(scene, params.fusion)
-        faults = tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
         return Detected(boxes, faults, dict.fromkeys(depth.noisy, NOISE))
 
 
@@ -236,8 +244,12 @@ class Late3D(FusionPipeline[Boxes3D]):
         """Say where nearly all clusters of LiDAR were rejected."""
         return self._lidar.warnings()
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Any:
         faults = list[Fault]()
-        seen = self._view(frame, clock, faults, self._lidar.view, self._radar.view)
+        return self._view(frame, clock, faults, self._lidar.view, self._radar.view), tuple(faults)
+
+    def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes3D]:
+        (cameras, lidar, radar), faults = seen
         with clock.stage("fuse"):
-            return Detected(self._fusion.step(SensorViews(self._rig, *seen)), tuple(faults))
+            views = SensorViews(self._rig, cameras, self._lidar.remember(lidar), radar)
+            return Detected(self._fusion.step(views), faults)

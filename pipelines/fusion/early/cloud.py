@@ -41,7 +41,7 @@ class DepthView:
     lidar: Obstacles
     stereo: Obstacles
     plane: Plane | None
-    """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
+    """The ground, as LiDAR sees it, else stereo; `None` where neither does. See `DepthStage.remember`."""
     noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
 
 
@@ -107,6 +107,15 @@ class DepthStage:
         self._plane: Plane | None = None
         self._lidar.reset()
 
+    def note_pose(self, frame: Frame) -> None:
+        """Take the pose of a frame whose points are looked at elsewhere."""
+        self._lidar.note_pose(frame)
+
+    def remember(self, view: DepthView) -> DepthView:
+        """Return a view with the ground that was seen last; once for each view, in the order of frames."""
+        self._plane = view.plane or self._plane
+        return replace(view, plane=self._plane)
+
     def view(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> DepthView:
         """Take the ground away from the points of one frame; a corrupt image is a fault and counts as missing."""
         points = self._lidar.points(frame, clock)
@@ -117,8 +126,7 @@ class DepthStage:
             noisy = (pair.left, pair.right) if view.is_off else ()
             with clock.stage("preprocess"):
                 stereo = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else stereo
-        self._plane = lidar.plane or stereo.plane or self._plane
-        return DepthView(lidar, stereo, self._plane, noisy)
+        return DepthView(lidar, stereo, lidar.plane or stereo.plane, noisy)
 
 
 @dataclass(frozen=True, eq=False)
