@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 
 from fbench.pipelines.fusion.early.cloud import DepthStage, DepthView, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
-from fbench.pipelines.fusion.early.image import EarlyImageParams, fuse_in_images
+from fbench.pipelines.fusion.early.image import EarlyImageFusion, EarlyImageParams
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
@@ -210,12 +210,13 @@ class Early2D(OneCloud[Boxes2D]):
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig. Raises LogError where no camera can be projected into; see `OneCloud.start`."""
-        self._images = projectable(self.name, rig, log_info)
+        self._fusion = EarlyImageFusion(projectable(self.name, rig, log_info), self._params.fusion)
+        self._remember(self._fusion)
         super().start(rig, log_info)
 
     def _fuse(self, scene: Scene, depth: DepthView) -> Boxes2D:
         rays = {name: Rays.of(self._rig, name, depth.measured) for name in scene.cameras}
-        return fuse_in_images(scene, self._images, rays, self._params.fusion)
+        return self._fusion.fuse(scene, rays)
 
 
 @dataclass(frozen=True)

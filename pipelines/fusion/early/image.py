@@ -9,6 +9,7 @@ from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
 from fbench.pipelines.fusion.early.fuse import Candidates, EarlyParams, choose, find_candidates
 from fbench.pipelines.fusion.early.groups import Groups
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE, CameraObservation
+from fbench.pipelines.fusion.reliability import CameraReliability, saturate
 from fbench.pipelines.sensors.image.objects import focal_scale, outlines
 from fbench.pipelines.sensors.image.stage import Rays
 from fbench.pipelines.sensors.odds import log_odds, probability_of
@@ -30,13 +31,19 @@ class EarlyImageParams(EarlyParams, prefix="fusion"):
 
     margin_px: float = in_range(2.0, 0, 1e4)
     """By so much outlines around points are wider than these [px], at a focal length of 400 px."""
-    measured_share: float = in_range(0.2, 0, 1)
+    measured_share: float = in_range(0.1, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
     weak_measured_share: float = in_range(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
     unseen_by_rays: float = in_range(0.25, 0, 1)
     """Factor on the odds of an object that only a camera sees, where the rays of LiDARs go on behind it."""
     through: float = in_range(0.6, 0, 1)
     """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
+    unseen_by_camera: float = in_range(0.02, 0, 1)
+    """Factor on the odds of an object that the camera of an image ought to see and doesn't, beside `existence.unseen`;
+    nearer to 1 the less cameras saw lately of what LiDAR and radar see, as by night."""
+    camera_size_px: float = in_range(40.0, 0.1, 1e5)
+    """Of objects whose outline has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this).
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,20 +57,43 @@ class Groups2D:
     shown: Int64  # (S,) the group of each observation, -1: none
 
 
-def fuse_in_images(scene: Scene, cameras: Sequence[str], rays: Mapping[str, Rays], params: EarlyImageParams) -> Boxes2D:
-    """Find labeled objects in the images of `cameras`, with score, sources, distance and range rate, by camera and
-    falling score. `rays` are those of LiDARs in the images of cameras that work.
+class EarlyImageFusion:
+    """Outlines the objects of one cloud in images, and learns from it how well the cameras see."""
 
-    Objects are those that early fusion finds in space, and what a camera is sure of. An object has its outline and
-    class from the camera that sees it, drawn toward its box in space, the more the less the camera is sure; without
-    one it is outlined by that box. Of objects in one place of an image the surest stays.
+    def __init__(self, cameras: Sequence[str], params: EarlyImageParams) -> None:
+        self._cameras, self._params, self._reliability = cameras, params, CameraReliability()
+
+    def reset(self) -> None:
+        """Forget how well the cameras see."""
+        self._reliability.reset()
+
+    def fuse(self, scene: Scene, rays: Mapping[str, Rays]) -> Boxes2D:
+        """Find the objects of one frame, see `fuse_in_images`."""
+        found = fuse_in_images(scene, self._cameras, rays, self._params, self._reliability.share)
+        self._reliability.learn(found[np.isin(found.camera, sorted(scene.cameras))])
+        return found
+
+
+def fuse_in_images(
+    scene: Scene, cameras: Sequence[str], rays: Mapping[str, Rays], params: EarlyImageParams, camera_share: float = 0.9
+) -> Boxes2D:
+    """Find labeled objects in the images of `cameras`, with score, sources, distance and range rate, by camera and
+    falling score. `rays` are those of LiDARs in the images of cameras that work, and `camera_share` is the share of
+    objects that cameras see at present.
+
+    Objects are those that early fusion finds in space, and what a camera is sure of. An object has its class and
+    outline from the camera that sees it, drawn toward that of its points, the more the less the camera is sure; without
+    one it is outlined by its points. Of objects in one place of an image the surest stays.
     """
     found = find_candidates(scene, params)
     kept = np.zeros(len(found.groups), np.bool_)
     kept[choose(found, params)] = True
     distance = np.sqrt((found.boxes.center_m**2).sum(axis=1))
     groups = Groups2D(found, kept, distance, range_rates(scene.cloud, found.groups), match_groups(found, scene.cloud))
-    return concatenate([_outline(scene, groups, name, rays.get(name), params) for name in cameras])
+    return concatenate([
+        _outline(scene, groups, name, rays.get(name), params, camera_share if name in scene.cameras else 0.0)
+        for name in cameras
+    ])  # fmt: skip
 
 
 def match_groups(found: Candidates, cloud: FusedCloud) -> Int64:
@@ -135,7 +165,9 @@ class Shown(Rows):
     sources: Array  # (N,) uint8 bits of `Source`
 
 
-def _outline(scene: Scene, groups: Groups2D, camera: str, rays: Rays | None, params: EarlyImageParams) -> Boxes2D:
+def _outline(
+    scene: Scene, groups: Groups2D, camera: str, rays: Rays | None, params: EarlyImageParams, camera_share: float
+) -> Boxes2D:
     around = outline_groups(scene, groups.found, camera, params)
     every, kept = groups.found.seen.observations, np.append(groups.kept, False)  # the last: of no group
     rows = [at for at, one in enumerate(every) if one.camera == camera and (one.is_sure or kept[groups.shown[at]])]
@@ -143,8 +175,12 @@ def _outline(scene: Scene, groups: Groups2D, camera: str, rays: Rays | None, par
     unseen = groups.kept & np.isfinite(around).all(axis=1)
     unseen[groups.shown[rows][groups.shown[rows] >= 0]] = False
     found = groups.found
+    sides = around[unseen, 2:] - around[unseen, :2]
+    looked = camera_share * saturate(np.sqrt(sides.prod(axis=1)), params.camera_size_px)
+    doubt = np.log(np.maximum(1 - (1 - params.unseen_by_camera) * looked, 1e-9))
+    score = probability_of(log_odds(found.score[unseen], 1e-9) + doubt)
     by_points = Shown(
-        around[unseen], found.label[unseen], found.score[unseen], groups.distance_m[unseen], groups.rate_mps[unseen],
+        around[unseen], found.label[unseen], score, groups.distance_m[unseen], groups.rate_mps[unseen],
         found.counts.sources[unseen],
     )  # fmt: skip
     shown = Shown.join([by_camera, by_points])

@@ -8,7 +8,7 @@ from tests.pipelines.scenes import car_back, echoes
 
 from fbench.pipelines.fusion.early.cloud import Scene
 from fbench.pipelines.fusion.early.groups import Groups
-from fbench.pipelines.fusion.early.image import EarlyImageParams, fuse_in_images, range_rates
+from fbench.pipelines.fusion.early.image import EarlyImageFusion, EarlyImageParams, fuse_in_images, range_rates
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.stage import Rays
 from fbench.pipelines.sensors.lidar.stage import LidarParams
@@ -89,7 +89,7 @@ def test_the_less_a_camera_is_sure_the_more_the_points_count():
         for s in (0.9, 0.5, 0.35)
     ]
     assert left == sorted(left, reverse=True)
-    assert left[0] == pytest.approx(beside[0] - 0.2 * 4)
+    assert left[0] == pytest.approx(beside[0] - 0.1 * 4)
 
 
 def test_what_only_a_camera_sees_keeps_its_score_and_a_guessed_distance():
@@ -109,6 +109,30 @@ def test_rays_that_go_on_behind_it_deny_what_only_a_camera_sees():
     assert denied / (1 - denied) == pytest.approx(0.25 * alone / (1 - alone))
     assert len(found(NOTHING, {"cam": seen(BOX, score=LEAST)}, rays=wall)) == 0
     assert len(found(NOTHING, {"cam": seen(BOX, score=LEAST)}, rays=wall / 10)) == 1  # what is before it hides it
+
+
+def test_what_a_camera_ought_to_see_and_doesnt_is_believed_less():
+    def odds(factor, cameras):
+        car = found(
+            joined(CAR, MOVING), cameras, EarlyImageParams(min_score=0.0, margin_px=0.0, unseen_by_camera=factor)
+        )
+        return float(car.score[0] / (1 - car.score[0]))
+
+    blind, looking = {}, {"cam": seen()}
+    assert odds(0.1, blind) == pytest.approx(odds(1.0, blind))
+    # Outlined with 45 x 30 px; of nine in ten cameras see the share that is large enough.
+    large = 0.9 * (1 - np.exp(-np.sqrt(45 * 30) / 40))
+    assert odds(0.1, looking) == pytest.approx((1 - 0.9 * large) * odds(1.0, looking))
+
+
+def test_cameras_that_see_nothing_of_what_others_see_lose_their_say():
+    fusion = EarlyImageFusion(("cam",), EarlyImageParams())
+    scene, fresh = scene_of(joined(CAR, MOVING), {"cam": seen()}), EarlyImageFusion(("cam",), EarlyImageParams())
+    scores = [float(fusion.fuse(scene, {}).score[0]) for _ in range(30)]
+    assert scores == sorted(scores)
+    assert scores[-1] > scores[0] + 0.01
+    fusion.reset()
+    assert float(fusion.fuse(scene, {}).score[0]) == float(fresh.fuse(scene, {}).score[0]) == scores[0]
 
 
 def test_a_weak_box_counts_only_with_points():
