@@ -32,6 +32,7 @@ class FusedCloud(Rows):
     period_mps: Float64  # (N,) velocities alias with this period [m/s]; 0: unambiguous
     is_moving: Bool  # (N,) whether a radar saw it move
     height_m: Float64  # (N,) above the ground [m], 0 where that isn't known
+    own_mps: Float64  # (N,) the radar's own velocity towards the point [m/s]; NaN of other sensors, or unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,7 @@ class DepthView:
     plane: Plane | None
     """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
     noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
+    measured: Float64 | None = None  # (K, 3) all points of LiDARs, the ground too [m]; `None`: none delivered
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,8 @@ def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: fl
     nums = len(lidar.xyz), len(stereo.xyz)
     xyz, height = np.concatenate([lidar.xyz, stereo.xyz]), np.concatenate([lidar.height_m, stereo.height_m])
     source, zero = np.repeat(np.array([Source.L, Source.S], np.uint8), nums), np.zeros(len(xyz))
-    dense = FusedCloud(xyz, source, np.full(len(xyz), np.nan), zero, zero > 0, height)
+    unknown = np.full(len(xyz), np.nan)
+    dense = FusedCloud(xyz, source, unknown, zero, zero > 0, height, unknown)
     if echoes is None:
         return dense
     moving = np.abs(echoes.range_rate_mps) >= min_speed_mps
@@ -74,7 +77,7 @@ def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: fl
         above = echoes.xyz[:, 2] - plane.z_m(echoes.xyz)
         standing &= (above > params.least_height_m) & (above < params.most_height_m)
     source = np.full(len(moving), Source.R, np.uint8)
-    every = FusedCloud(echoes.xyz, source, echoes.range_rate_mps, echoes.period_mps, moving, above)
+    every = FusedCloud(echoes.xyz, source, echoes.range_rate_mps, echoes.period_mps, moving, above, echoes.own_mps)
     return FusedCloud.join([dense, every[moving | standing]])
 
 
@@ -88,7 +91,7 @@ class DepthStage:
         self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings, stereo: StereoStage | None
     ) -> None:
         if params.detector != "clusters":
-            raise ConfigError(f"lidar.detector={params.detector}: early3d detects in one cloud of all sensors")
+            raise ConfigError(f"lidar.detector={params.detector}: early fusion detects in one cloud of all sensors")
         self._lidar = LidarStage(rig, log_info, params, settings)
         self._stereo, self._params = stereo, ObjectParams()
         self.pair = () if stereo is None else (stereo.pair.left, stereo.pair.right)  # Cameras that give depth
@@ -118,7 +121,7 @@ class DepthStage:
             with clock.stage("preprocess"):
                 stereo = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else stereo
         self._plane = lidar.plane or stereo.plane or self._plane
-        return DepthView(lidar, stereo, self._plane, noisy)
+        return DepthView(lidar, stereo, self._plane, noisy, points)
 
 
 @dataclass(frozen=True, eq=False)

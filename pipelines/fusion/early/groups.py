@@ -46,6 +46,8 @@ class Observed:
     height_px: Float64
     """(N,) how high a car at the point looks in a working camera [px], the best of several; 0 out of view and behind
     what the camera sees."""
+    taken: tuple[Int64, ...] = ()
+    """Of each observation the points (rows of the cloud) that it shows, also where another camera's counts."""
 
 
 def label_points(
@@ -59,13 +61,14 @@ def label_points(
     cameras the better score counts.
     """
     instance, height = np.full(len(cloud), -1), np.zeros(len(cloud))
-    best, known = np.zeros(len(cloud)), list[CameraObservation]()
+    best, known, taken = np.zeros(len(cloud)), list[CameraObservation](), list[Int64]()
     for name in sorted(cameras):
         uv, _ = project_body(rig, name, cloud.xyz)
         found = observe_camera(rig, name, cameras[name], plane, AssociationParams())
         view = _View(cloud, uv, rig, name)
         for one in sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist())):
             rows = view.take(one, params)
+            taken.append(rows)
             rows = rows[one.score > best[rows]]
             instance[rows], best[rows] = len(known), one.score
             known.append(one)
@@ -73,7 +76,7 @@ def label_points(
         distance = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1.0)
         tall = np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"].height_m / distance, 0.0)
         height = np.maximum(height, np.where(view.hidden, 0.0, tall))
-    return Observed(tuple(known), instance, height)
+    return Observed(tuple(known), instance, height, tuple(taken))
 
 
 class _View:
