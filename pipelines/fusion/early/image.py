@@ -19,7 +19,7 @@ from fbench.pipelines.sensors.rows import Rows, suppress
 from fbench.replay.contracts.params import in_range
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
-from fbench.replay.geometry.camera import project_body, project_boxes
+from fbench.replay.geometry.camera import in_image, project_body, project_boxes
 from fbench.replay.geometry.iou import iou_2d
 
 _SAME = 0.5  # Of two objects with a larger IoU the farther one would be hidden
@@ -44,6 +44,11 @@ class EarlyImageParams(EarlyParams, prefix="fusion"):
     camera_size_px: float = in_range(40.0, 0.1, 1e5)
     """Of objects whose outline has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this).
     """
+    most_unseen: float = in_range(1.0, 0, 1000)
+    """Largest logarithm of the odds of what a camera surely ought to see and doesn't, before `unseen_by_camera`; twice
+    as large where it ought to see half of such objects."""
+    least_inside: float = in_range(0.3, 0, 1)
+    """Objects with less than this share of their points in an image have an outline there only by a camera's box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +155,8 @@ def outline_groups(scene: Scene, found: Candidates, camera: str, params: EarlyIm
         first = np.append(np.searchsorted(groups.number[is_used], shown), len(rows))
         margin = params.margin_px * focal_scale(scene.rig.cameras[camera])
         result[shown] = outlines(scene.rig, camera, scene.plane, cloud.xyz[rows], first, margin)
+    inside = groups.sums(dense & in_image(scene.rig.cameras[camera], uv))
+    result[has_shape & (inside < params.least_inside * groups.sums(dense))] = np.nan
     return result
 
 
@@ -169,33 +176,54 @@ def _outline(
     scene: Scene, groups: Groups2D, camera: str, rays: Rays | None, params: EarlyImageParams, camera_share: float
 ) -> Boxes2D:
     around = outline_groups(scene, groups.found, camera, params)
-    every, kept = groups.found.seen.observations, np.append(groups.kept, False)  # the last: of no group
-    rows = [at for at, one in enumerate(every) if one.camera == camera and (one.is_sure or kept[groups.shown[at]])]
-    by_camera = _take_cameras(scene, groups, [every[at] for at in rows], groups.shown[rows], around, rays, params)
-    unseen = groups.kept & np.isfinite(around).all(axis=1)
-    unseen[groups.shown[rows][groups.shown[rows] >= 0]] = False
     found = groups.found
+    every, kept = found.seen.observations, np.append(groups.kept, False)  # the last: of no group
+    rows = np.flatnonzero([one.camera == camera for one in every])
+    unseen = groups.kept & np.isfinite(around).all(axis=1)
+    shown = _take_over([every[at] for at in rows], groups.shown[rows], kept, around, unseen)
+    is_used = np.array([every[at].is_sure for at in rows], np.bool_) | kept[shown]
+    rows, shown = rows[is_used], shown[is_used]
+    by_camera = _take_cameras(scene, groups, [every[at] for at in rows], shown, around, rays, params)
+    unseen[shown[shown >= 0]] = False
     sides = around[unseen, 2:] - around[unseen, :2]
     looked = camera_share * saturate(np.sqrt(sides.prod(axis=1)), params.camera_size_px)
     doubt = np.log(np.maximum(1 - (1 - params.unseen_by_camera) * looked, 1e-9))
-    score = probability_of(log_odds(found.score[unseen], 1e-9) + doubt)
+    odds = np.minimum(log_odds(found.score[unseen], 1e-9), params.most_unseen / np.maximum(looked, 1e-9))
+    score = probability_of(odds + doubt)
     by_points = Shown(
         around[unseen], found.label[unseen], score, groups.distance_m[unseen], groups.rate_mps[unseen],
         found.counts.sources[unseen],
     )  # fmt: skip
-    shown = Shown.join([by_camera, by_points])
-    shown = shown[np.lexsort((*shown.xyxy_px.T[::-1], -shown.score))]
-    shown = shown[shown.score >= params.min_score]
-    shown = shown[suppress(iou_2d(shown.xyxy_px, shown.xyxy_px) > _SAME)]
+    result = Shown.join([by_camera, by_points])
+    result = result[np.lexsort((*result.xyxy_px.T[::-1], -result.score))]
+    result = result[result.score >= params.min_score]
+    result = result[suppress(iou_2d(result.xyxy_px, result.xyxy_px) > _SAME)]
     return Boxes2D(
-        camera=np.full(len(shown), camera),
-        xyxy_px=shown.xyxy_px,
-        label=shown.label,
-        score=shown.score,
-        distance_m=shown.distance_m,
-        range_rate_mps=shown.rate_mps,
-        sources=shown.sources,
+        camera=np.full(len(result), camera),
+        xyxy_px=result.xyxy_px,
+        label=result.label,
+        score=result.score,
+        distance_m=result.distance_m,
+        range_rate_mps=result.rate_mps,
+        sources=result.sources,
     )
+
+
+def _take_over(seen: Sequence[CameraObservation], group: Int64, kept: Bool, around: Float64, is_free: Bool) -> Int64:
+    """Group (N,) that each box of one camera shows. One whose own group isn't kept, because a surer one is in its
+    place, shows that one where their outlines agree, the most alike pairs first.
+    """
+    result, free = group.copy(), np.flatnonzero(is_free)
+    free = free[~np.isin(free, group)]
+    box = np.array([one.xyxy_px for one in seen], np.float64).reshape(-1, 4)
+    overlap = iou_2d(box, around[free])
+    overlap[kept[group]] = 0.0
+    for at in np.argsort(-overlap, axis=None, kind="stable").tolist():
+        row, column = divmod(at, max(len(free), 1))
+        if overlap[row, column] <= _SAME:
+            break
+        result[row], overlap[row], overlap[:, column] = free[column], 0.0, 0.0
+    return result
 
 
 def _take_cameras(

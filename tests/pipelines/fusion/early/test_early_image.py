@@ -197,3 +197,29 @@ def test_the_order_of_a_cameras_boxes_changes_nothing():
     a, b = (found(joined(CAR, MOVING), {"cam": seen(*boxes)}) for boxes in ([BOX, other], [other, BOX]))
     for name, values in a.arrays().items():
         np.testing.assert_array_equal(b.arrays()[name], values)
+
+
+def test_odds_of_what_a_camera_ought_to_see_and_doesnt_are_limited():
+    def score(most, cameras):
+        how = EarlyImageParams(min_score=0.0, margin_px=0.0, unseen_by_camera=1.0, most_unseen=most)
+        return float(found(joined(CAR, MOVING), cameras, how).score[0])
+
+    looked = 0.9 * (1 - np.exp(-np.sqrt(45 * 30) / 40))
+    assert score(0.5, {"cam": seen()}) == pytest.approx(1 / (1 + np.exp(-0.5 / looked)))
+    assert score(1000.0, {"cam": seen()}) > score(0.5, {"cam": seen()})
+    assert score(0.5, {}) == score(1000.0, {})  # no camera looks
+
+
+def test_the_edge_of_what_is_beside_an_image_is_no_object_in_it():
+    right = 20.0 * (800 - 399.5) / 500  # [m] to the right 20 m ahead, the image ends there
+    for inside, num in ((0.2, 0), (0.5, 1)):
+        car = points(L, car_back(20.0, -right + 1.8 * (inside - 0.5)))
+        assert len(found(car, params=EarlyImageParams(min_score=0.01))) == num
+
+
+def test_a_camera_shows_points_that_are_in_its_place_of_the_image_though_they_are_too_far():
+    """The box looks as if the car was 15.4 m away, so that it takes none of its points, 20 m away."""
+    near = [370.25, 299.5, 428.75, 351.4]
+    car = found(joined(CAR, MOVING), {"cam": seen(near)}, EarlyImageParams(margin_px=4.0))
+    assert (len(car), car.sources.tolist()) == (1, [7])
+    assert car.distance_m[0] == pytest.approx(22.1, abs=0.1)
