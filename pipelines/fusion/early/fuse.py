@@ -115,7 +115,7 @@ def find_candidates(scene: Scene, params: EarlyParams) -> Candidates:
         groups = groups.select((groups.observation >= 0) | (extent <= params.most_extent_m))
     counts = grouping.count_points(groups, cloud)
     shape = fit_shapes(cloud, groups, counts, params.fit_points)
-    by_shape, label = classify_shapes(scene, groups, shape)
+    by_shape, label = classify_shapes(scene, groups, shape, params.fit_points)
     names = np.array([one.label for one in seen.observations] or [""], np.str_)
     label = np.where(groups.observation >= 0, names[groups.observation], label)
     boxes, overlap = place_boxes(scene, seen, groups, shape, label)
@@ -147,6 +147,8 @@ def _existence(
     is_sure = np.array([one.is_sure for one in seen.observations] + [False])[groups.observation]
     height_px = groups.sums(seen.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1)
     has_dense = bool((scene.cloud.source != int(Source.R)).any())
+    lidar, stereo = ((counts.sources & int(bit)) > 0 for bit in (Source.L, Source.S))
+    only_stereo = stereo & ~lidar & bool((scene.cloud.source == int(Source.L)).any())
     shape_odds, has_shape = _limit_odds(by_shape, params.most_odds), np.isfinite(by_shape)
     with_camera = (
         params.camera
@@ -162,6 +164,7 @@ def _existence(
     )
     confirmed = np.where(is_sure, with_camera, np.where(has_shape, np.fmax(with_camera, alone), alone))
     total = np.where(np.isfinite(camera_score), confirmed, alone)
+    total[only_stereo & (counts.moving == 0)] = -np.inf  # LiDARs see whatever stereo sees and isn't noise
     return probability_of(np.clip(total, -30.0, 30.0))
 
 

@@ -87,7 +87,7 @@ class _View:
         own, eye = cloud[self._rows], rig.body_T_sensor(camera)[:3, 3]
         self._uv, self._is_echo, self._moving = uv[self._rows], own.source == int(Source.R), own.is_moving
         self._distance = np.hypot(own.xyz[:, 0] - eye[0], own.xyz[:, 1] - eye[1])
-        self._free = np.ones(len(self._rows), np.bool_)
+        self._free, self._exactness = np.ones(len(self._rows), np.bool_), own.exactness
         self.hidden = np.zeros(len(uv), np.bool_)  # which points of the cloud lie behind objects so far
         self._focal_px = float(rig.cameras[camera].K[0, 0])
 
@@ -109,7 +109,7 @@ class _View:
         if not len(rows):
             return rows
         distance, is_still = self._distance[rows], self._is_echo[rows] & ~self._moving[rows]
-        worth = np.where(is_still, params.echo_share, 1.0) * np.exp(-0.5 * deviation**2)
+        worth = np.where(is_still, params.echo_share, self._exactness[rows]) * np.exp(-0.5 * deviation**2)
         total = np.concatenate([[0.0], np.cumsum(worth)])
         stop = np.searchsorted(distance, distance + 2 * one.depth_m + params.depth_margin_m)
         support = total[stop] - total[:-1]

@@ -21,12 +21,13 @@ def points(source, places, rate_mps=np.nan, period_mps=0.0, own_mps=np.nan):
         np.abs(rate) > 0.3,
         xyz[:, 2],
         np.full(num, own_mps),
+        np.ones(num),
     )
 
 
 def joined(*parts):
     """One cloud of several."""
-    names = ("xyz", "source", "range_rate_mps", "period_mps", "is_moving", "height_m", "own_mps")
+    names = ("xyz", "source", "range_rate_mps", "period_mps", "is_moving", "height_m", "own_mps", "exactness")
     return FusedCloud(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 

@@ -1,19 +1,22 @@
 """Outlines of the objects of one cloud in images, on a flat road 1.6 m below a camera with a focal length of 500 px."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.pipelines.frames import AHEAD
-from tests.pipelines.fusion.early.clouds import L, R, joined, points
+from tests.pipelines.fusion.early.clouds import L, R, S, joined, points
 from tests.pipelines.scenes import car_back, echoes
 
 from fbench.pipelines.fusion.early.cloud import Scene
+from fbench.pipelines.fusion.early.fuse import EarlyParams, find_candidates
 from fbench.pipelines.fusion.early.groups import Groups
 from fbench.pipelines.fusion.early.image import EarlyImageFusion, EarlyImageParams, fuse_in_images, range_rates
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.stage import Rays
 from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.boxes import Boxes2D, Source
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 
 CAMERA = CameraModel(np.array([[500.0, 0, 399.5], [0, 500, 299.5], [0, 0, 1]]), (800, 600))
@@ -223,3 +226,13 @@ def test_a_camera_shows_points_that_are_in_its_place_of_the_image_though_they_ar
     car = found(joined(CAR, MOVING), {"cam": seen(near)}, EarlyImageParams(margin_px=4.0))
     assert (len(car), car.sources.tolist()) == (1, [7])
     assert car.distance_m[0] == pytest.approx(22.1, abs=0.1)
+
+
+def test_noisy_points_of_stereo_leave_the_shape_to_lidar():
+    noise = np.random.Generator(np.random.Philox(5)).uniform(-1, 1, (60, 3)) * [1.5, 1.5, 0.3]
+    stereo = replace(points(S, car_back(20.5, 0.9)[:1] + noise), exactness=np.full(60, 0.25))
+    scenes = (scene_of(joined(CAR, *more, MOVING), {"cam": seen(BOX)}) for more in ((), (stereo,)))
+    alone, both = (find_candidates(scene, EarlyParams()) for scene in scenes)
+    assert both.counts.sources[0] == alone.counts.sources[0] | int(Source.S)
+    assert both.boxes.center_m[0] == pytest.approx(alone.boxes.center_m[0], abs=1e-9)
+    assert both.boxes.size_lwh_m[0] == pytest.approx(alone.boxes.size_lwh_m[0], abs=1e-9)
