@@ -3,7 +3,9 @@
 import json
 import os
 import re
+import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -37,17 +39,26 @@ def demo(
         float | None, Option(metavar="S", help="Length of each log, in s (default: 1.5; with --split: 10).")
     ] = None,
     num_seeds: Annotated[int | None, Option(metavar="N", min=1, help="Only the first N seeds of the split.")] = None,
+    sensors: Annotated[
+        list[str] | None,
+        Option(
+            metavar="PATTERN",
+            help="Sensors to simulate (default: camera, lidar, radar; '*': the stereo pair, too); repeatable.",
+        ),
+    ] = None,
     jobs: options.Jobs = None,
 ) -> None:
     """Simulate drives through a city in all weathers, replay them into all pipelines, and compare.
 
     Logs and runs that exist already aren't made again.
     """
-    what = make_experiment(out, split, seconds, num_seeds)
+    what = make_experiment(out, split, seconds, num_seeds, sensors or ())
     raise typer.Exit(run_experiment(what, jobs or len(os.sched_getaffinity(0))))
 
 
-def make_experiment(out: Path, split: "Split | None", seconds: float | None, num_seeds: int | None) -> "Experiment":
+def make_experiment(
+    out: Path, split: "Split | None", seconds: float | None, num_seeds: int | None, sensors: Sequence[str] = ()
+) -> "Experiment":
     """Return what `fbench demo` is to do; without a split it is the short version. Raises ConfigError where options
     don't fit.
     """
@@ -61,6 +72,7 @@ def make_experiment(out: Path, split: "Split | None", seconds: float | None, num
     command = "fbench demo" if split is None else f"fbench demo --split {split}"
     command += "" if seconds is None else f" --seconds {seconds!r}".removesuffix(".0")
     command += "" if num_seeds is None else f" --num-seeds {num_seeds}"
+    command += "".join(f" --sensors {shlex.quote(pattern)}" for pattern in sensors)
     if split is None and num_seeds is not None:
         raise ConfigError("--num-seeds is only for the full suite; add --split dev or test")
     name = "demo.toml" if split is None else "experiment.toml"
@@ -70,6 +82,8 @@ def make_experiment(out: Path, split: "Split | None", seconds: float | None, num
         content = re.sub(r"(?m)^seconds = .*$", f"seconds = {seconds!r}", content)
     if split is not None:
         content = re.sub(r"(?m)^seed = .*$", f"seed = {list(SEEDS[split][:num_seeds])}", content)
+    if sensors:
+        content = re.sub(r"(?m)^sensors = .*$", lambda _: f"sensors = {json.dumps(list(sensors))}", content)
     suite = make_suite(SuiteText(content.encode(), name), Path(), out)
     drives = sorted((log.drive for log in suite.logs if log.drive is not None), key=lambda drive: drive.spec.seed)
     if split is None:

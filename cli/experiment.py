@@ -9,6 +9,7 @@ from fbench.api.runs import short_name
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.logs import Drive
 from fbench.api.suites.suite import SuiteCell
+from fbench.datasets.city.rig import thesis_rig
 from fbench.replay.data.scores import Results, format_count
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.host import describe_host
@@ -124,8 +125,11 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> It
 
 
 def _problems(done: Sequence[tuple[Drive, CellResult]], runs: Sequence[tuple[Drive, str, Run]]) -> Iterator[str]:
-    unfit = {result.cell.pipeline: result.reason for _, result in done if result.state == "unfit"}
-    yield from (f"left out: {pipeline} ({reason})" for pipeline, reason in unfit.items())
+    unfit = {result.cell.pipeline: (drive, result.reason) for drive, result in done if result.state == "unfit"}
+    for pipeline, (drive, reason) in unfit.items():
+        absent = [name for name in thesis_rig().names if name not in drive.spec.rig.names]
+        cause = f"the drives are without {', '.join(absent)}, see --sensors; " if absent else ""
+        yield f"left out: {pipeline} ({cause}{reason})"
     failed: dict[str | None, list[str]] = {}
     for drive, result in done:
         if result.state == "failed":

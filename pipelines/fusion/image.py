@@ -1,21 +1,18 @@
 """Fusion in images: observations of several kinds of sensors of one object become one box."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.pipelines.fusion.observations import inside_shares
 from fbench.pipelines.fusion.reliability import CameraReliability, saturate
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.image import stage
-from fbench.pipelines.sensors.image.objects import Points
-from fbench.pipelines.sensors.image.stage import SURE, ImageObservations, InImages, Rays
+from fbench.pipelines.sensors.image.stage import SURE, ImageObservations, InImages, Rays, by_camera
 from fbench.pipelines.sensors.odds import combine_factors, log_odds
 from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, in_range
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import rays
@@ -28,14 +25,7 @@ _MISTAKEN = 0.35
 """Depths that a camera guesses agree at least so far with others: the class that gives the size may be wrong."""
 _PART, _AGREE = 0.6, 0.2  # What lies by this share in an object's box, and agrees so far in depth, is a part of it
 _SAME = 0.5  # Of two objects with a larger IoU the farther one would be hidden
-_BEHIND_M, _BEFORE_M = 4.0, 2.0
-"""Rays that end so far [m] behind the near side of an object went through it; so far before it, they count as on it."""
-_LEAST_RAYS = 4
 _HALF_LENGTH_M = 2.0  # From the near side of an object to its middle [m], where only that is known
-_GATE = 2.5
-_LEAST = 3
-_FULL = 10.0
-_AROUND_M = 2.5  # Points that differ by less [m] from the depth of an object belong to it
 
 
 @dataclass(frozen=True)
@@ -55,9 +45,6 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     lidar_weight: float = in_range(0.75, 0, 1)
     """Probability of what looks fully like a vehicle to LiDAR, by itself [0 to 1]."""
     radar_weight: float = in_range(0.7, 0, 1)  # The same for radar.
-    points_factor: float = in_range(1.6, 1, 1000)
-    """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
-    object themselves; nearer to 1 for few."""
     measured_share: float = in_range(0.1, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
     weak_measured_share: float = in_range(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
@@ -82,17 +69,7 @@ class ImageView:
     camera: str
     seen: ImageObservations
     works: bool  # Whether the camera itself worked
-    points: Mapping[Source, Points] = field(default_factory=dict)
-    """Points of LiDAR and radar over the ground, where fusion is early."""
     rays: Rays | None = None  # All points of LiDARs, where they delivered
-
-
-class PointEvidence(NamedTuple):
-    """Statement of the points of one kind of sensor about a box."""
-
-    depth_m: float  # Depth of the object they are on [m]
-    strength: float  # How much there is of it, 0 to 1
-    rate_mps: float  # Change of its distance [m/s], positive when receding; NaN where unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,23 +97,22 @@ class ImageFusion:
     def merge(self, working: Mapping[str, CameraDetections], lidar: InImages, radar: InImages) -> Boxes2D:
         """Merge one frame; `working` holds the cameras that worked. Any number of boxes has the same fields."""
         params, share = self._params, self._reliability.share
-        views = [self._view(name, working.get(name), {Source.L: lidar, Source.R: radar}) for name in self._cameras]
+        views = [self._view(name, working.get(name), lidar, radar) for name in self._cameras]
         every = concatenate([fuse(view, params, share) for view in views])
         found = every if every.score is None else every[every.score >= params.min_score]
         self._reliability.learn(found[np.isin(found.camera, sorted(working))])
         return found
 
-    def _view(self, camera: str, found: CameraDetections | None, others: Mapping[Source, InImages]) -> ImageView:
-        parts = [view.seen[camera] for view in others.values() if camera in view.seen]
+    def _view(self, camera: str, found: CameraDetections | None, lidar: InImages, radar: InImages) -> ImageView:
+        parts = [view.seen[camera] for view in (lidar, radar) if camera in view.seen]
         if found is not None:
-            parts.append(stage.by_camera(found, self._rig.cameras[camera]))
+            parts.append(by_camera(found, self._rig.cameras[camera]))
         return ImageView(
             rig=self._rig,
             camera=camera,
             seen=ImageObservations.join(parts),
             works=found is not None,
-            points={kind: view.points[camera] for kind, view in others.items() if camera in view.points},
-            rays=others[Source.L].rays.get(camera),
+            rays=lidar.rays.get(camera),
         )
 
 
@@ -150,13 +126,9 @@ def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) 
     seen = view.seen
     groups = [rows for rows in associate(seen, params.min_similarity) if len(rows) > 1 or not seen.weak[rows[0]]]
     groups = _drop_parts(seen, groups)
-    free = {}  # points of no object: of no cluster, or of one that is a group by itself; not those of large things
-    for kind, points in view.points.items():
-        alone = np.array([rows[0] for rows in groups if len(rows) == 1 and seen.source[rows[0]] == int(kind)], np.int64)
-        free[kind] = points[(points.cluster < 0) | np.isin(points.cluster, seen.spot[alone])]
     share = camera_share if view.works else 0.0
     objects = sorted(
-        (_object(view, rows, free, share, params) for rows in groups), key=lambda o: (-o.score, *o.xyxy_px.tolist())
+        (_object(view, rows, share, params) for rows in groups), key=lambda o: (-o.score, *o.xyxy_px.tolist())
     )
     # Of objects in the place of a surer one sensors disagreed on how far away it is.
     boxes = np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4)
@@ -223,72 +195,33 @@ def _drop_parts(seen: ImageObservations, groups: list[Int64]) -> list[Int64]:
     return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
 
 
-def _object(
-    view: ImageView, rows: Int64, free: Mapping[Source, Points], camera_share: float, params: ImageFusionParams
-) -> ImageObject:
+def _object(view: ImageView, rows: Int64, camera_share: float, params: ImageFusionParams) -> ImageObject:
     seen = view.seen
     of = {Source(int(seen.source[row])): int(row) for row in rows}
     shown = of.get(Source.C, of.get(Source.L, int(rows[0])))
-    # What free points say of a camera's box that isn't an object for their sensor.
-    found = dict[Source, PointEvidence]()
-    for kind in (Source.L, Source.R) if Source.C in of else ():
-        one = None if kind in of or kind not in free else _point_evidence(seen, of[Source.C], free[kind])
-        if one is not None:
-            found[kind] = one
     measured = [kind for kind in (Source.L, Source.R) if kind in of]
-    depth = seen.depth_m[of[measured[0]]] if measured else next((e.depth_m for e in found.values()), np.nan)
-    depth_std = 0.0
-    if np.isnan(depth):
-        depth, depth_std = seen.depth_m[shown], float(seen.depth_std[shown])
+    depth, depth_std = seen.depth_m[shown], float(seen.depth_std[shown])
+    if measured:
+        depth, depth_std = seen.depth_m[of[measured[0]]], 0.0
     box: Float64 = seen.xyxy_px[shown]
     upright = [of[kind] for kind in measured if seen.upright[of[kind]]]
     if upright and Source.C in of:  # drawn toward the outline of the points, the more the less the camera is sure
         sure = min(float(seen.score[of[Source.C]]) / SURE, 1.0)
         share = sure * params.measured_share + (1 - sure) * params.weak_measured_share
         box = box + share * (seen.xyxy_px[upright[0]] - box)
-    if Source.R in of:
-        rate = float(seen.rate_mps[of[Source.R]])
-    elif Source.R in found:
-        rate = found[Source.R].rate_mps
-    else:
-        rate = float("nan")
-        if (echoes := view.points.get(Source.R)) is not None:
-            rate = echoes.cloud.rate_mps(_in_box(echoes, box) & (np.abs(echoes.depth_m - depth) < _AROUND_M))
     return ImageObject(
         xyxy_px=box,
         label=str(seen.label[shown]),
-        score=_score(view, of, found, box, depth, depth_std, camera_share, params),
+        score=_score(view, of, box, depth, depth_std, camera_share, params),
         distance_m=seen.distance_m[of[measured[0]]] if measured else _distance_m(view, box, depth),
-        rate_mps=rate,
-        sources=sum(int(kind) for kind in {*of, *found}),
+        rate_mps=float(seen.rate_mps[of[Source.R]]) if Source.R in of else float("nan"),
+        sources=sum(int(kind) for kind in of),
     )
-
-
-def _point_evidence(seen: ImageObservations, at: int, points: Points) -> PointEvidence | None:
-    """Find the nearest dense depth of the points in box `at`, near what the camera guesses; `None` without any."""
-    inside = _in_box(points, seen.xyxy_px[at])
-    guess, std = seen.depth_m[at], seen.depth_std[at]
-    if np.isfinite(guess):
-        inside &= np.abs(np.log(np.maximum(points.depth_m, 0.1) / guess)) < _GATE * std
-    depth = stage.nearest_dense(np.sort(points.depth_m[inside]), _LEAST)
-    if np.isnan(depth):
-        return None
-    on_it = inside & (np.abs(points.depth_m - depth) < _AROUND_M)
-    strength = float(saturate(int(np.count_nonzero(on_it)), _FULL))
-    return PointEvidence(depth, strength, points.cloud.rate_mps(on_it))
-
-
-def _in_box(points: Points, xyxy_px: Float64) -> Bool:
-    left, top, right, bottom = xyxy_px
-    u, v = points.uv_px.T
-    inside: Bool = (u > left) & (u < right) & (v > top) & (v < bottom)
-    return inside
 
 
 def _score(
     view: ImageView,
     of: Mapping[Source, int],
-    found: Mapping[Source, PointEvidence],
     box: Float64,
     depth: float,
     depth_std: float,
@@ -308,23 +241,9 @@ def _score(
     for kind in (Source.L, Source.R):
         if kind in of and Source.C in of and not view.seen.weak[of[Source.C]]:
             factor[kind] = max(factor[kind], 1.0)  # odd shapes say nothing against what a camera is sure of
-        elif kind in found:
-            factor[kind] = params.points_factor ** found[kind].strength
-        elif kind is Source.L and kind not in of and _goes_through(view, box, depth, depth_std, params.through):
-            factor[kind] = params.unseen_by_rays
+    if Source.L not in of and view.rays is not None and view.rays.go_through(box, depth, depth_std, params.through):
+        factor[Source.L] = params.unseen_by_rays
     return combine_factors(params.prior, factor.values())
-
-
-def _goes_through(view: ImageView, box: Float64, depth_m: float, std: float, share: float) -> bool:
-    """Whether most rays of a LiDAR in a box go on behind the object, so that it isn't there; `std` is the relative
-    error of its depth.
-    """
-    if view.rays is None or np.isnan(depth_m):
-        return False
-    depths, reach = view.rays.depths(box), float(np.exp(_GATE * std))
-    if len(depths) < _LEAST_RAYS:
-        return False
-    return stage.share_beyond(depths, depth_m / reach - _BEFORE_M, depth_m * reach + _BEHIND_M) > share
 
 
 def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:

@@ -1,19 +1,21 @@
 """early2d, late2d, early3d and late3d: compositions of all sensors, one kind of fusion each, and a tracker."""
 
+from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, Literal
 
-from fbench.pipelines.fusion.early.cloud import DepthStage, Scene, merge_clouds
+from fbench.pipelines.fusion.early.cloud import DepthStage, DepthView, Scene, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
+from fbench.pipelines.fusion.early.image import EarlyImageFusion, EarlyImageParams
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar
-from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, projectable
+from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, Rays, projectable
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.parallel import Branches
 from fbench.pipelines.sensors.points.merged import require
@@ -79,8 +81,8 @@ class FusionPipeline(TrackingPipeline[B]):
 
 
 @dataclass(frozen=True)
-class FusedImagesParams(AllSensorsParams):
-    """What `early2d` and `late2d` have in common."""
+class Late2DParams(AllSensorsParams):
+    """Parameters of `late2d`."""
 
     radar: RadarParams = field(default_factory=far_radar)
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
@@ -90,15 +92,13 @@ class FusedImagesParams(AllSensorsParams):
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
-class FusedImages(FusionPipeline[Boxes2D]):
+class Late2D(FusionPipeline[Boxes2D]):
     """Labeled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
-    there. Objects without a camera's label are called cars, or trucks where they are long.
+    there. Sensors detect as in `camera2d`, `lidar2d` and `radar2d`; their boxes are merged in the images, and tracked.
+    Objects without a camera's label are called cars, or trucks where they are long.
     """
 
-    name: ClassVar[str]
-    merges_points: ClassVar[bool]  # Whether points of LiDAR and radar that are no object themselves count, too
-
-    def __init__(self, params: FusedImagesParams = FusedImagesParams()) -> None:
+    def __init__(self, params: Late2DParams = Late2DParams()) -> None:
         super().__init__(params, params.fusion.camera_share, Tracker2D(params.tracking))
         self._params = params
 
@@ -106,9 +106,9 @@ class FusedImages(FusionPipeline[Boxes2D]):
         """Take all sensors of the rig. Raises LogError where it has no LiDAR or radar, or no camera that can be
         projected into, or one that is to be used can't.
         """
-        require(self.name, ("lidar", "radar"), rig, log_info)
+        require("late2d", ("lidar", "radar"), rig, log_info)
         params, settings = self._params, SensorSettings(self._params, rig)
-        cameras = projectable(self.name, rig, log_info)
+        cameras = projectable("late2d", rig, log_info)
         self._start_cameras(rig, log_info, settings)
         self._fusion = ImageFusion(rig, cameras, params.fusion)
         self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings)
@@ -126,29 +126,16 @@ class FusedImages(FusionPipeline[Boxes2D]):
         return self._view(frame, clock, faults, self._lidar.view, self._radar.view), tuple(faults)
 
     def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes2D]:
-        (cameras, *others), faults = seen
-        self._lidar.remember(others[0])
-        self._radar.remember(others[1])
+        (cameras, lidar, radar), faults = seen
+        self._lidar.remember(lidar)
+        self._radar.remember(radar)
         with clock.stage("fuse"):
-            lidar, radar = others if self.merges_points else [replace(view, points={}) for view in others]
             return Detected(self._fusion.merge(cameras, lidar, radar), faults)
 
 
-class Early2D(FusedImages):
-    """LiDAR and radar points in the images are merged with the cameras' boxes there, and tracked."""
-
-    name, merges_points = "early2d", True
-
-
-class Late2D(FusedImages):
-    """Sensors detect as in `camera2d`, `lidar2d` and `radar2d`; their boxes are merged in the images, and tracked."""
-
-    name, merges_points = "late2d", False
-
-
 @dataclass(frozen=True)
-class Early3DParams(AllSensorsParams):
-    """Parameters of `early3d`."""
+class OneCloudParams(AllSensorsParams):
+    """What `early2d` and `early3d` have in common."""
 
     lidar: LidarParams = field(default_factory=LidarParams)
     """How the ground is found, what partly seen cars are completed to, and how shapes are classified: in all logs by
@@ -158,30 +145,28 @@ class Early3DParams(AllSensorsParams):
     stereo_pair: Literal["auto", "on", "off"] = "auto"
     """Whether depth by a stereo pair joins the cloud: `on`, `off`, or `auto`, where the rig has a pair and no LiDAR."""
     stereo: StereoParams = field(default_factory=StereoParams)  # Depth by stereo.
-    fusion: EarlyParams = field(default_factory=EarlyParams)  # How one cloud becomes objects.
-    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
 
 
-class Early3D(FusionPipeline[Boxes3D]):
-    """Labeled boxes in 3D around the points of LiDARs, radars and a stereo pair; one of these must be there. All points
-    become one cloud, which is clustered. Cameras label points; what none of them sees is labeled by shape.
-    """
+class OneCloud(FusionPipeline[B]):
+    """Points of LiDARs, radars and a stereo pair in one cloud; one of these must be there. Cameras label points."""
 
-    def __init__(self, params: Early3DParams = Early3DParams()) -> None:
-        super().__init__(params, params.fusion.camera_share, Tracker3D(params.tracking))
-        self._params = params
+    name: ClassVar[str]
+
+    def __init__(self, params: OneCloudParams, fusion: EarlyParams, tracker: Tracker[B, Any]) -> None:
+        super().__init__(params, fusion.camera_share, tracker)
+        self._one_cloud, self._echoes = params, fusion.echoes
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig. Raises ConfigError where a camera that is named isn't there. Raises LogError
         where it has no LiDAR, radar or pair of cameras, or a camera that is to be used can't be projected into.
         """
-        params, settings = self._params, SensorSettings(self._params, rig)
+        params, settings = self._one_cloud, SensorSettings(self._one_cloud, rig)
         is_auto = params.stereo_pair == "auto" and not rig.sensors("lidar") and bool(pairs(rig))
         stereo = None
         if params.stereo_pair == "on" or is_auto:
             stereo = StereoStage(rig, log_info.name, params.stereo)
         else:
-            require("early3d", ("lidar", "radar"), rig, log_info, "a LiDAR, a radar or a stereo pair of cameras")
+            require(self.name, ("lidar", "radar"), rig, log_info, "a LiDAR, a radar or a stereo pair of cameras")
         self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
         self._radar = RadarStage(rig, log_info, params.radar, settings)
@@ -198,14 +183,71 @@ class Early3D(FusionPipeline[Boxes3D]):
         views = self._view(frame, clock, of_images, find_depth, self._radar.echoes)
         return views, tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
 
-    def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes3D]:
+    def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[B]:
         (cameras, depth, echoes), faults = seen
         with clock.stage("fuse"):
-            params, stage, depth = self._params, self._depth, self._depth.remember(depth)
-            cloud = merge_clouds(depth, echoes, params.radar.min_speed_mps, params.fusion.echoes)
+            stage, depth = self._depth, self._depth.remember(depth)
+            cloud = merge_clouds(depth, echoes, self._one_cloud.radar.min_speed_mps, self._echoes)
             scene = Scene(self._rig, cameras, cloud, depth.plane, depth.lidar.tall, stage.eye_m, stage.shapes)
-            boxes = fuse(scene, params.fusion)
+            boxes = self._fuse(scene, depth)
         return Detected(boxes, faults, dict.fromkeys(depth.noisy, NOISE))
+
+    @abstractmethod
+    def _fuse(self, scene: Scene, depth: DepthView) -> B:
+        """Find the objects of one frame."""
+
+
+@dataclass(frozen=True)
+class Early2DParams(OneCloudParams):
+    """Parameters of `early2d`."""
+
+    fusion: EarlyImageParams = field(default_factory=EarlyImageParams)  # How one cloud becomes objects in images.
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
+
+
+class Early2D(OneCloud[Boxes2D]):
+    """Labeled boxes in the images of all cameras, with distance and range rate, around the objects of one cloud of all
+    sensors, and around what only cameras see. What no camera sees is labeled by shape.
+    """
+
+    name = "early2d"
+
+    def __init__(self, params: Early2DParams = Early2DParams()) -> None:
+        super().__init__(params, params.fusion, Tracker2D(params.tracking))
+        self._params = params
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all sensors of the rig. Raises LogError where no camera can be projected into; see `OneCloud.start`."""
+        self._fusion = EarlyImageFusion(projectable(self.name, rig, log_info), self._params.fusion)
+        self._remember(self._fusion)
+        super().start(rig, log_info)
+
+    def _fuse(self, scene: Scene, depth: DepthView) -> Boxes2D:
+        rays = {name: Rays.of(self._rig, name, depth.measured) for name in scene.cameras}
+        return self._fusion.fuse(scene, rays)
+
+
+@dataclass(frozen=True)
+class Early3DParams(OneCloudParams):
+    """Parameters of `early3d`."""
+
+    fusion: EarlyParams = field(default_factory=EarlyParams)  # How one cloud becomes objects.
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)  # The tracker.
+
+
+class Early3D(OneCloud[Boxes3D]):
+    """Labeled boxes in 3D around the points of LiDARs, radars and a stereo pair; one of these must be there. All points
+    become one cloud, which is clustered. Cameras label points; what none of them sees is labeled by shape.
+    """
+
+    name = "early3d"
+
+    def __init__(self, params: Early3DParams = Early3DParams()) -> None:
+        super().__init__(params, params.fusion, Tracker3D(params.tracking))
+        self._params = params
+
+    def _fuse(self, scene: Scene, depth: DepthView) -> Boxes3D:
+        return fuse(scene, self._params.fusion)
 
 
 @dataclass(frozen=True)

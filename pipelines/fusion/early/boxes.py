@@ -33,10 +33,9 @@ class Shapes:
 
 
 def fit_shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) -> Shapes:
-    """Fit rectangles: around points of LiDAR and stereo where a group has `least` of them, else around all."""
-    dense = cloud.source[groups.rows] != int(Source.R)
+    """Fit rectangles: around points of LiDAR where a group has `least` of them, else of LiDAR and stereo, else all."""
     by_shape = counts.dense >= least
-    used = dense | ~by_shape[groups.number]
+    used = outline_points(cloud, groups, least) | ~by_shape[groups.number]
     rows, number = groups.rows[used], groups.number[used]
     first = np.searchsorted(number, np.arange(len(groups) + 1))
     rectangles = fit_rectangles(np.ascontiguousarray(cloud.xyz[rows, :2]), first, HEADINGS_RAD, NEAR_M)
@@ -44,6 +43,15 @@ def fit_shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) 
         return Shapes(rectangles, by_shape, np.zeros(0), np.zeros(0))
     top, bottom = (reduce.reduceat(cloud.height_m[rows], first[:-1]) for reduce in (np.maximum, np.minimum))
     return Shapes(rectangles, by_shape, np.where(by_shape, top, 0.0), np.where(by_shape, bottom, 0.0))
+
+
+def outline_points(cloud: FusedCloud, groups: Groups, least: float) -> Bool:
+    """Which points (P,) show the shapes of groups: those of LiDAR where a group has `least` of them, because errors of
+    depth widen what stereo sees, else those of both.
+    """
+    source = cloud.source[groups.rows]
+    exact = groups.sums(source == int(Source.L)) >= least
+    return np.asarray((source == int(Source.L)) | ((source == int(Source.S)) & ~exact[groups.number]), np.bool_)
 
 
 def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, label: Text) -> tuple[Boxes3D, Float64]:
@@ -129,15 +137,18 @@ def _overlaps(scene: Scene, seen: Observed, groups: Groups, table: Float64, z: F
     return result
 
 
-def classify_shapes(scene: Scene, groups: Groups, shape: Shapes) -> tuple[Float64, Text]:
-    """Probability (M,) that groups are road users by the shape of their LiDAR and stereo points, NaN where they are too
-    few, and labels (M,) by shape.
+def classify_shapes(scene: Scene, groups: Groups, shape: Shapes, least: float) -> tuple[Float64, Text]:
+    """Probability (M,) that groups are road users by the shape of their points as `fit_shapes` uses them, NaN where
+    they are too few, and labels (M,) by shape. Where LiDARs deliver, shapes of stereo say nothing: what isn't noise
+    LiDARs see, too.
     """
     probability, label = np.full(len(groups), np.nan), np.full(len(groups), "car", "<U16")
-    rows = np.flatnonzero(shape.by_shape)
+    is_lidar = scene.cloud.source == int(Source.L)
+    enough = groups.sums(is_lidar[groups.rows]) >= least
+    rows = np.flatnonzero(shape.by_shape & (enough | ~is_lidar.any()))
     if scene.plane is None or not len(rows):
         return probability, label
-    seen = Seen(_sort_points(scene, groups, rows), shape.rectangles[rows], scene.plane, scene.eye_m)
+    seen = Seen(_sort_points(scene, groups, rows, least), shape.rectangles[rows], scene.plane, scene.eye_m)
     how = scene.shapes
     boxes = classify(seen, how.judge, how.size, how.sizes, how.shape)
     if boxes.score is not None:
@@ -149,13 +160,17 @@ def classify_shapes(scene: Scene, groups: Groups, shape: Shapes) -> tuple[Float6
     return probability, label
 
 
-def _sort_points(scene: Scene, groups: Groups, chosen: Int64) -> Standing:
-    """Points of LiDAR and stereo as they are classified: sorted by chosen group, those of no such group first."""
+def _sort_points(scene: Scene, groups: Groups, chosen: Int64, least: float) -> Standing:
+    """Points of LiDAR and stereo as they are classified: sorted by chosen group, those of no such group first. Points
+    of stereo that show no shape are in neither.
+    """
     cloud, number = scene.cloud, np.full(len(scene.cloud), -1)
     place = np.full(len(groups), -1)
     place[chosen] = np.arange(len(chosen))
     number[groups.rows] = place[groups.number]
-    rows = np.flatnonzero(cloud.source != int(Source.R))
+    is_used = cloud.source != int(Source.R)
+    is_used[groups.rows] = outline_points(cloud, groups, least)
+    rows = np.flatnonzero(is_used)
     rows = rows[np.argsort(number[rows], kind="stable")]
     first = np.searchsorted(number[rows], np.arange(len(chosen) + 1))
     tall = scene.tall.copy()

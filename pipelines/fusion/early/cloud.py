@@ -1,7 +1,7 @@
 """One cloud of what stands on the ground, as LiDAR, radar and stereo see it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,8 @@ class FusedCloud(Rows):
     period_mps: Float64  # (N,) velocities alias with this period [m/s]; 0: unambiguous
     is_moving: Bool  # (N,) whether a radar saw it move
     height_m: Float64  # (N,) above the ground [m], 0 where that isn't known
+    own_mps: Float64  # (N,) the radar's own velocity towards the point [m/s]; NaN of other sensors, or unknown
+    exactness: Float64  # (N,) 0 to 1: how much its place counts against an exact one; 1 but for stereo
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,8 @@ class DepthView:
     plane: Plane | None
     """The ground, as LiDAR sees it, else stereo; `None` where neither does. See `DepthStage.remember`."""
     noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
+    measured: Float64 | None = None  # (K, 3) all points of LiDARs, the ground too [m]; `None`: none delivered
+    exactness: Float64 = field(default_factory=lambda: np.zeros(0))  # (N,) of the points of `stereo`, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,9 @@ def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: fl
     nums = len(lidar.xyz), len(stereo.xyz)
     xyz, height = np.concatenate([lidar.xyz, stereo.xyz]), np.concatenate([lidar.height_m, stereo.height_m])
     source, zero = np.repeat(np.array([Source.L, Source.S], np.uint8), nums), np.zeros(len(xyz))
-    dense = FusedCloud(xyz, source, np.full(len(xyz), np.nan), zero, zero > 0, height)
+    unknown = np.full(len(xyz), np.nan)
+    exactness = np.concatenate([np.ones(nums[0]), depth.exactness])
+    dense = FusedCloud(xyz, source, unknown, zero, zero > 0, height, unknown, exactness)
     if echoes is None:
         return dense
     moving = np.abs(echoes.range_rate_mps) >= min_speed_mps
@@ -74,8 +80,22 @@ def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: fl
         above = echoes.xyz[:, 2] - plane.z_m(echoes.xyz)
         standing &= (above > params.least_height_m) & (above < params.most_height_m)
     source = np.full(len(moving), Source.R, np.uint8)
-    every = FusedCloud(echoes.xyz, source, echoes.range_rate_mps, echoes.period_mps, moving, above)
+    every = FusedCloud(
+        echoes.xyz, source, echoes.range_rate_mps, echoes.period_mps, moving, above, echoes.own_mps, np.ones(len(above))
+    )
     return FusedCloud.join([dense, every[moving | standing]])
+
+
+_EXACT_M = 0.3
+"""Points of stereo with such an error of depth [m] count half."""
+
+
+def rate_exactness(range_m: Float64, focal_baseline: float, sigma_px: float) -> Float64:
+    """How much points of stereo (N,) at ranges [m] count: as 1 / variance does beside a variance that all have. With
+    Z = f B / d the error of depth is Z^2 / (f B) times that of disparity [px] (thesis, stereo; any textbook).
+    """
+    error_m = range_m**2 / focal_baseline * sigma_px
+    return np.asarray(1 / (1 + (error_m / _EXACT_M) ** 2), np.float64)
 
 
 _NOTHING = Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))  # Of a sensor that doesn't deliver
@@ -88,7 +108,7 @@ class DepthStage:
         self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings, stereo: StereoStage | None
     ) -> None:
         if params.detector != "clusters":
-            raise ConfigError(f"lidar.detector={params.detector}: early3d detects in one cloud of all sensors")
+            raise ConfigError(f"lidar.detector={params.detector}: early fusion detects in one cloud of all sensors")
         self._lidar = LidarStage(rig, log_info, params, settings)
         self._stereo, self._params = stereo, ObjectParams()
         self.pair = () if stereo is None else (stereo.pair.left, stereo.pair.right)  # Cameras that give depth
@@ -120,13 +140,15 @@ class DepthStage:
         """Take the ground away from the points of one frame; a corrupt image is a fault and counts as missing."""
         points = self._lidar.points(frame, clock)
         lidar = _NOTHING if points is None else self._lidar.obstacles(points, clock)
-        stereo, noisy = _NOTHING, tuple[str, ...]()
+        stereo, noisy, exactness = _NOTHING, tuple[str, ...](), np.zeros(0)
         if self._stereo is not None:
             view, pair = self._stereo.view(frame, clock, faults), self._stereo.pair
             noisy = (pair.left, pair.right) if view.is_off else ()
             with clock.stage("preprocess"):
                 stereo = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else stereo
-        return DepthView(lidar, stereo, lidar.plane or stereo.plane, noisy)
+                ray, sigma_px = stereo.xyz - self._stereo.eye_m, self._params.cluster.sigma_px
+                exactness = rate_exactness(np.hypot(ray[:, 0], ray[:, 1]), self._stereo.focal_baseline, sigma_px)
+        return DepthView(lidar, stereo, lidar.plane or stereo.plane, noisy, points, exactness)
 
 
 @dataclass(frozen=True, eq=False)

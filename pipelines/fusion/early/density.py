@@ -107,7 +107,8 @@ def _number_clusters(reaching: Reaching, parent: Int64, core: Bool, found: Int64
 class DensityParams(CheckedParams, prefix="fusion.density"):
     """DBSCAN on the merged cloud, seen from above, over place and radial velocity.
 
-    A point is worth 1 / its sensor's minimum; where the points within reach are worth 1 together, a cluster is.
+    A point is worth 1 / its sensor's minimum, one of stereo the less the larger its error of depth is. Where the points
+    within reach are worth 1 together, a cluster is.
     Standing echoes that no camera's box holds join clusters, but link nothing.
     """
 
@@ -134,7 +135,7 @@ class DensityParams(CheckedParams, prefix="fusion.density"):
         echo = np.where(cloud.is_moving, 1 / self.moving_echoes, 1 / self.standing_echoes)
         dense = np.where(cloud.source == int(Source.L), 1 / self.lidar_points, 1 / self.stereo_points)
         worth = np.where(cloud.source == int(Source.R), echo, dense)
-        return np.where(is_seen, self.seen_factor, 1.0) * worth
+        return np.where(is_seen, self.seen_factor, 1.0) * worth * cloud.exactness
 
 
 _FARTHEST_M = 1e6

@@ -16,7 +16,7 @@ from fbench.pipelines.sensors.odds import log_odds, probability_of
 from fbench.pipelines.sensors.radar.stage import median_rate
 from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.params import CheckedParams, in_range
-from fbench.replay.data.arrays import Float64
+from fbench.replay.data.arrays import Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
 
 _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
@@ -73,12 +73,36 @@ class EarlyParams(CheckedParams, prefix="fusion"):
     min_score: float = in_range(0.5, 0, 1)  # Objects with a lower score are dropped.
 
 
-def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
-    """Find labeled objects with score, sources and, where radar measured it, velocity along the line of sight.
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """M groups of points, the boxes around them, and how likely each is a road user."""
 
-    Points take the labels of camera boxes and are clustered; a box is fitted to each group, whose probability to be a
-    road user follows from its shape, its points and the camera. Of objects in one place the surest stays. They come by
-    falling score; equal scores by place.
+    seen: Observed
+    groups: Groups
+    counts: Counts
+    boxes: Boxes3D  # (M) with label, score, sources and, where radar measured it, velocity along the line of sight
+    label: Text  # (M,)
+    score: Float64  # (M,) 0 to 1
+
+
+def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
+    """Find labeled objects with score, sources and, where radar measured it, velocity along the line of sight. Of
+    objects in one place the surest stays. They come by falling score; equal scores by place.
+    """
+    found = find_candidates(scene, params)
+    return found.boxes[choose(found, params)]
+
+
+def choose(found: Candidates, params: EarlyParams) -> Int64:
+    """Rows (K,) of candidates that are likely enough and surer than others in their place, by falling score."""
+    order = np.lexsort((*found.boxes.center_m.T[::-1], -found.score))
+    order = order[found.score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
+    return order[suppress(are_one(found.boxes[order], params.merge_m))]
+
+
+def find_candidates(scene: Scene, params: EarlyParams) -> Candidates:
+    """Give points the labels of camera boxes, cluster them and fit a box to each group, whose probability to be a road
+    user follows from its shape, its points and the camera.
     """
     cloud = scene.cloud
     seen = grouping.label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
@@ -91,7 +115,7 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
         groups = groups.select((groups.observation >= 0) | (extent <= params.most_extent_m))
     counts = grouping.count_points(groups, cloud)
     shape = fit_shapes(cloud, groups, counts, params.fit_points)
-    by_shape, label = classify_shapes(scene, groups, shape)
+    by_shape, label = classify_shapes(scene, groups, shape, params.fit_points)
     names = np.array([one.label for one in seen.observations] or [""], np.str_)
     label = np.where(groups.observation >= 0, names[groups.observation], label)
     boxes, overlap = place_boxes(scene, seen, groups, shape, label)
@@ -105,9 +129,7 @@ def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
         score=score,
         sources=counts.sources,
     )
-    order = np.lexsort((*found.center_m.T[::-1], -score))
-    order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
-    return found[order[suppress(are_one(found[order], params.merge_m))]]
+    return Candidates(seen, groups, counts, found, label, score)
 
 
 def _existence(
@@ -125,6 +147,8 @@ def _existence(
     is_sure = np.array([one.is_sure for one in seen.observations] + [False])[groups.observation]
     height_px = groups.sums(seen.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1)
     has_dense = bool((scene.cloud.source != int(Source.R)).any())
+    lidar, stereo = ((counts.sources & int(bit)) > 0 for bit in (Source.L, Source.S))
+    only_stereo = stereo & ~lidar & bool((scene.cloud.source == int(Source.L)).any())
     shape_odds, has_shape = _limit_odds(by_shape, params.most_odds), np.isfinite(by_shape)
     with_camera = (
         params.camera
@@ -140,6 +164,7 @@ def _existence(
     )
     confirmed = np.where(is_sure, with_camera, np.where(has_shape, np.fmax(with_camera, alone), alone))
     total = np.where(np.isfinite(camera_score), confirmed, alone)
+    total[only_stereo & (counts.moving == 0)] = -np.inf  # LiDARs see whatever stereo sees and isn't noise
     return probability_of(np.clip(total, -30.0, 30.0))
 
 

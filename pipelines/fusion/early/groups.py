@@ -46,6 +46,8 @@ class Observed:
     height_px: Float64
     """(N,) how high a car at the point looks in a working camera [px], the best of several; 0 out of view and behind
     what the camera sees."""
+    taken: tuple[Int64, ...] = ()
+    """Of each observation the points (rows of the cloud) that it shows, also where another camera's counts."""
 
 
 def label_points(
@@ -59,13 +61,14 @@ def label_points(
     cameras the better score counts.
     """
     instance, height = np.full(len(cloud), -1), np.zeros(len(cloud))
-    best, known = np.zeros(len(cloud)), list[CameraObservation]()
+    best, known, taken = np.zeros(len(cloud)), list[CameraObservation](), list[Int64]()
     for name in sorted(cameras):
         uv, _ = project_body(rig, name, cloud.xyz)
         found = observe_camera(rig, name, cameras[name], plane, AssociationParams())
         view = _View(cloud, uv, rig, name)
         for one in sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist())):
             rows = view.take(one, params)
+            taken.append(rows)
             rows = rows[one.score > best[rows]]
             instance[rows], best[rows] = len(known), one.score
             known.append(one)
@@ -73,7 +76,7 @@ def label_points(
         distance = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1.0)
         tall = np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"].height_m / distance, 0.0)
         height = np.maximum(height, np.where(view.hidden, 0.0, tall))
-    return Observed(tuple(known), instance, height)
+    return Observed(tuple(known), instance, height, tuple(taken))
 
 
 class _View:
@@ -84,7 +87,7 @@ class _View:
         own, eye = cloud[self._rows], rig.body_T_sensor(camera)[:3, 3]
         self._uv, self._is_echo, self._moving = uv[self._rows], own.source == int(Source.R), own.is_moving
         self._distance = np.hypot(own.xyz[:, 0] - eye[0], own.xyz[:, 1] - eye[1])
-        self._free = np.ones(len(self._rows), np.bool_)
+        self._free, self._exactness = np.ones(len(self._rows), np.bool_), own.exactness
         self.hidden = np.zeros(len(uv), np.bool_)  # which points of the cloud lie behind objects so far
         self._focal_px = float(rig.cameras[camera].K[0, 0])
 
@@ -106,7 +109,7 @@ class _View:
         if not len(rows):
             return rows
         distance, is_still = self._distance[rows], self._is_echo[rows] & ~self._moving[rows]
-        worth = np.where(is_still, params.echo_share, 1.0) * np.exp(-0.5 * deviation**2)
+        worth = np.where(is_still, params.echo_share, self._exactness[rows]) * np.exp(-0.5 * deviation**2)
         total = np.concatenate([[0.0], np.cumsum(worth)])
         stop = np.searchsorted(distance, distance + 2 * one.depth_m + params.depth_margin_m)
         support = total[stop] - total[:-1]

@@ -143,19 +143,21 @@ def score_groups(groups: Groups, params: ShapeParams) -> Float64:
     return np.asarray(score, np.float64)
 
 
-def outlines(rig: Rig, camera: str, groups: Groups, uv_px: Float64, depth_m: Float64, margin_px: float) -> Float64:
-    """Rectangles (M, 4) [px] around groups of points at (N, 2) and depths (N,) in an image, clipped to it.
+def outlines(rig: Rig, camera: str, plane: Plane | None, xyz: Float64, first: Int64, margin_px: float) -> Float64:
+    """Rectangles (M, 4) [px] around groups of points (N, 3) in body coordinates, at least one each, that begin at rows
+    `first` (M + 1,), in an image, clipped to it.
 
     They reach down to the ground under the nearest point, and are wider than the points by a margin [px]: what is
     between two beams isn't seen. NaN where nothing of one is in the image.
     """
-    begin = groups.first[:-1]
-    low = np.minimum.reduceat(uv_px, begin) - margin_px
-    high = np.maximum.reduceat(uv_px, begin) + margin_px
-    number = np.repeat(np.arange(len(groups)), np.diff(groups.first))
-    foot = groups.cloud.xyz[np.lexsort((depth_m, number))[begin]].copy()
-    if groups.cloud.plane is not None:
-        foot[:, 2] = groups.cloud.plane.z_m(foot)
+    uv, depth = project_body(rig, camera, xyz)
+    begin = first[:-1]
+    low = np.minimum.reduceat(uv, begin) - margin_px
+    high = np.maximum.reduceat(uv, begin) + margin_px
+    number = np.repeat(np.arange(len(begin)), np.diff(first))
+    foot = xyz[np.lexsort((depth, number))[begin]].copy()
+    if plane is not None:
+        foot[:, 2] = plane.z_m(foot)
     high[:, 1] = np.fmax(high[:, 1] - margin_px, project_body(rig, camera, foot)[0][:, 1])  # NaN isn't seen
     width, height = rig.cameras[camera].size_wh
     low = np.maximum(low, -0.5)
@@ -202,7 +204,7 @@ def focal_scale(camera: CameraModel) -> float:
     return float(camera.K[0, 0]) / image.FOCAL_PX
 
 
-def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarImageParams) -> tuple[Points, Spots]:
+def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarImageParams) -> Spots:
     """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters. What moves is clustered
     apart from what stands still. The order of points doesn't matter.
     """
@@ -210,15 +212,15 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarI
     member = points.cluster >= 0
     if not member.any() or cloud.plane is None:
         none, places = np.zeros(0), np.zeros((0, 3))
-        return points, Spots(np.zeros((0, 4)), none, places, places, none, none, np.zeros(0, np.int64))
+        return Spots(np.zeros((0, 4)), none, places, places, none, none, np.zeros(0, np.int64))
     groups = Groups.of(points.cloud[member], points.cluster[member])
     margin = params.margin_px * focal_scale(rig.cameras[camera])
     # What is seen of each group is completed to a vehicle that stands on the ground.
     whole, height = complete(groups.rectangles, cloud.viewpoint, _CAR), np.maximum(groups.top_m, _CAR.height_m)
     center = np.column_stack([whole.center_m, cloud.plane.z_m(whole.center_m) + height / 2])
     depth = np.minimum.reduceat(points.depth_m[member], groups.first[:-1])
-    found = Spots(
-        xyxy_px=outlines(rig, camera, groups, points.uv_px[member], points.depth_m[member], margin),
+    return Spots(
+        xyxy_px=outlines(rig, camera, cloud.plane, groups.cloud.xyz, groups.first, margin),
         score=score_groups(groups, params.shape),
         center_m=center,
         size_lwh_m=np.column_stack([whole.size_lw_m, height]),
@@ -226,21 +228,16 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: LidarImageParams | RadarI
         rate_mps=np.array([groups.cloud.rate_mps(slice(*rows)) for rows in pairwise(groups.first.tolist())]),
         num_points=np.diff(groups.first),
     )
-    return points, found
 
 
-def project(rig: Rig, camera: str, cloud: Cloud, cluster: Int64) -> Points:
-    """Points of a cloud (N) with their clusters (N,), -1 for none, that a camera sees or that lie a little beside."""
+def _cluster(rig: Rig, camera: str, cloud: Cloud, params: ImageClusterParams) -> Points:
+    """The points that a camera sees or that lie a little beside, in clusters."""
     uv, depth = project_body(rig, camera, cloud.xyz)
     size = np.array(rig.cameras[camera].size_wh, np.float64)
     low, high = -_BESIDE * size, (1 + _BESIDE) * size
     u, v = uv.T
     seen = np.flatnonzero((u > low[0]) & (u < high[0]) & (v > low[1]) & (v < high[1]))  # NaN isn't
-    return Points(uv.take(seen, axis=0), depth.take(seen), cluster.take(seen), cloud[seen])
-
-
-def _cluster(rig: Rig, camera: str, cloud: Cloud, params: ImageClusterParams) -> Points:
-    points = project(rig, camera, cloud, np.full(len(cloud.xyz), -1))
+    points = Points(uv.take(seen, axis=0), depth.take(seen), np.full(len(seen), -1), cloud[seen])
     cluster, scaled = points.cluster, points.uv_px / focal_scale(rig.cameras[camera])
     for part in (points.cloud.moves, ~points.cloud.moves):
         found = image.cluster_in_image(scaled[part], points.depth_m[part], params)

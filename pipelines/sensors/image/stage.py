@@ -7,9 +7,9 @@ import numpy as np
 
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.image.objects import Cloud, Points, Spots, of_lidar, of_radar, project, spots
+from fbench.pipelines.sensors.image.objects import Cloud, Spots, of_lidar, of_radar, spots
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, resolve_grouping
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, LidarView, Obstacles
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, LidarView
 from fbench.pipelines.sensors.odds import log_odds
 from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.points.merged import viewpoint
@@ -19,7 +19,7 @@ from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.data.arrays import Array, Bool, Float64, Text
 from fbench.replay.data.boxes import VEHICLES, Boxes2D, Boxes3D, Source, concatenate
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import CameraModel, LogInfo, Rig
@@ -47,7 +47,6 @@ class ImageObservations(Rows):
     depth_std: Float64  # (N,) relative error of the depth
     distance_m: Float64  # (N,) from the body's origin to the middle [m]; NaN where unknown
     rate_mps: Float64  # (N,) change of the distance [m/s], positive when receding; NaN where unknown
-    spot: Int64  # (N,) row of the `Spots` that it is; -1: none
     upright: Bool  # (N,) whether its upper and lower edge are known; sparse radars don't tell heights
 
     @property
@@ -62,7 +61,7 @@ class ImageObservations(Rows):
         """Boxes (N) of one kind of sensor, of which no more is known than is given."""
         num = len(score)
         columns: dict[str, Array] = dict.fromkeys(("distance_m", "rate_mps"), np.full(num, np.nan))
-        columns |= {"spot": np.full(num, -1), "upright": np.ones(num, np.bool_), **known}
+        columns |= {"upright": np.ones(num, np.bool_), **known}
         return cls(np.full(num, source, np.uint8), xyxy_px, score, label, depth_m, std, **columns)
 
     @classmethod
@@ -99,7 +98,7 @@ def by_points(spots: Spots, source: Source) -> ImageObservations:
     rows = np.flatnonzero(np.isfinite(spots.xyxy_px).all(axis=1) & (spots.score > 0))
     spots = spots[rows]
     label = np.where(spots.size_lwh_m[:, 0] > LONG_M, "truck", "car")
-    known = {"distance_m": spots.distance_m, "rate_mps": spots.rate_mps, "spot": rows}
+    known = {"distance_m": spots.distance_m, "rate_mps": spots.rate_mps}
     std = _compute_std(spots.depth_m)
     return ImageObservations.of(source, spots.xyxy_px, spots.score, label, spots.depth_m, std, **known)
 
@@ -114,7 +113,7 @@ def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: S
     depth = np.maximum(depths.min(axis=1, initial=np.inf), 0.5) if num else np.zeros(0)
     label = np.where(boxes.size_lwh_m[:, 0] > LONG_M, "truck", "car") if boxes.label is None else boxes.label
     known = {"distance_m": np.sqrt((boxes.center_m**2).sum(axis=1)), "rate_mps": rate_mps[rows]}
-    known |= {"upright": np.full(num, source != Source.R), "spot": rows}
+    known |= {"upright": np.full(num, source != Source.R)}
     return ImageObservations.of(source, outline[rows], score[rows], label, depth, _compute_std(depth), **known)
 
 
@@ -157,9 +156,11 @@ def _boxes(camera: str, seen: ImageObservations) -> Boxes2D:
     )
 
 
+_BEHIND_M, _BEFORE_M = 4.0, 2.0
+"""Rays that end so far [m] behind the near side of an object went through it; so far before it, they count as on it."""
+_GATE = 2.5  # An object may be so many standard deviations nearer or farther than its depth says
+_LEAST_RAYS = 4
 _INSET = 0.15  # This share of a box is left out on each side, since a box is wider than what it shows
-_WINDOW_M = 3.0  # Depth [m] of a window that holds the points of one object
-_DENSE = 0.5  # Of several windows the nearest counts that has this share of the points of the fullest
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +189,15 @@ class Rays:
         inside = (u > left + x) & (u < right - x) & (v > top + y) & (v < bottom - y)
         return np.asarray(self.depth_m[inside], np.float64)
 
+    def go_through(self, xyxy_px: Float64, depth_m: float, std: float, share: float) -> bool:
+        """Whether more than this share of the rays in a box (4,) [px] goes on behind the object with its near side at
+        this depth [m], so that it isn't there; `std` is the relative error of that. Not where the depth is unknown.
+        """
+        depths, reach = self.depths(xyxy_px), float(np.exp(_GATE * std))
+        if not depth_m > 0 or len(depths) < _LEAST_RAYS:
+            return False
+        return share_beyond(depths, depth_m / reach - _BEFORE_M, depth_m * reach + _BEHIND_M) > share
+
 
 def share_beyond(depths_m: Float64, near_m: float, far_m: float) -> float:
     """Share of the rays reaching `near_m` [m] or beyond, given ascending depths (N,), that go on beyond `far_m`. NaN
@@ -198,28 +208,11 @@ def share_beyond(depths_m: Float64, near_m: float, far_m: float) -> float:
     return float((len(depths_m) - end) / num) if num else np.nan
 
 
-def nearest_dense(depths_m: Float64, least: int) -> float:
-    """Depth [m] of the nearest dense part of ascending depths (N,), its median; NaN where none has `least` points.
-
-    What lies behind an object, and is seen beside it or through its windows, doesn't count: neither a mean nor a
-    median of all would leave it out.
-    """
-    if len(depths_m) < least:
-        return float("nan")
-    stop = np.searchsorted(depths_m, depths_m + _WINDOW_M, side="right")
-    num = stop - np.arange(len(depths_m))
-    if num.max() < least:
-        return float("nan")
-    begin = int(np.argmax(num >= max(least, _DENSE * num.max())))
-    return float(np.median(depths_m[begin : stop[begin]]))
-
-
 @dataclass(frozen=True, eq=False)
 class InImages:
     """What one kind of sensor sees, by camera; nothing of it where no sensor delivered."""
 
     seen: Mapping[str, ImageObservations] = field(default_factory=dict)
-    points: Mapping[str, Points] = field(default_factory=dict)  # Those over the ground
     rays: Mapping[str, Rays] = field(default_factory=dict)  # All points, of LiDARs only
     in_space: LidarView | None = None  # What was projected, of LiDARs only
     is_sparse: bool | None = None  # Whether there were too few echoes for the image, of radars only
@@ -268,19 +261,12 @@ class LidarInImages:
             return replace(found, rays={name: Rays.of(self._rig, name, xyz) for name in self._cameras})
 
     def _project(self, view: LidarView) -> InImages:
-        """Project boxes of vehicles, and all points over the ground."""
-        boxes, height = view.boxes, np.zeros(len(view.xyz))
+        """Project boxes of vehicles."""
+        boxes, unknown = view.boxes, np.full(len(view.boxes), np.nan)
         if boxes.label is not None and boxes.score is not None:
             boxes = replace(boxes, score=np.where(np.isin(boxes.label, VEHICLES), boxes.score, 0.0))
-        if view.plane is not None:
-            height = view.xyz[:, 2] - view.plane.z_m(view.xyz)
-        points = Obstacles(view.plane, view.xyz, height, np.zeros((0, 3)))
-        cloud, unknown = of_lidar(points, self._viewpoint), np.full(len(boxes), np.nan)
-        return InImages(
-            {name: by_boxes(self._rig, name, boxes, unknown, Source.L) for name in self._cameras},
-            {name: project(self._rig, name, cloud, view.cluster) for name in self._cameras},
-            in_space=view,
-        )
+        seen = {name: by_boxes(self._rig, name, boxes, unknown, Source.L) for name in self._cameras}
+        return InImages(seen, in_space=view)
 
 
 class RadarInImages:
@@ -328,11 +314,7 @@ def _find_spots(
     rig: Rig, cameras: tuple[str, ...], cloud: Cloud, source: Source, params: LidarImageParams | RadarImageParams
 ) -> InImages:
     """Detect in a cloud over the ground."""
-    found = {name: spots(rig, name, cloud, params) for name in cameras}
-    return InImages(
-        {name: by_points(one, source) for name, (_, one) in found.items()},
-        {name: points for name, (points, _) in found.items()},
-    )
+    return InImages({name: by_points(spots(rig, name, cloud, params), source) for name in cameras})
 
 
 def relative_rates(view: RadarView, echoes: Compensated) -> Float64:

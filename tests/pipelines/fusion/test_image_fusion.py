@@ -25,15 +25,13 @@ def camera(*boxes, score=0.8, label="car", min_score=0.6):
     return by_camera(found, CAMERA)
 
 
-def view(camera=None, lidar=None, radar=None, early=True) -> ImageView:
-    """What a camera (its sightings), LiDAR and radar (clouds) see; early: with the points themselves."""
-    parts, points = [] if camera is None else [camera], {}
-    for kind, one in ((Source.L, lidar), (Source.R, radar)):
-        if one is not None:
-            points[kind], found = spots(RIG, "cam", one, PARAMS)
-            parts.append(by_points(found, kind))
+def view(camera=None, lidar=None, radar=None) -> ImageView:
+    """What a camera (its sightings), LiDAR and radar (clouds) see."""
+    clouds = ((Source.L, lidar), (Source.R, radar))
+    parts = [by_points(spots(RIG, "cam", one, PARAMS), kind) for kind, one in clouds if one is not None]
+    parts += [] if camera is None else [camera]
     rays = None if lidar is None else Rays.of(RIG, "cam", lidar.xyz)
-    return ImageView(RIG, "cam", ImageObservations.join(parts), camera is not None, points if early else {}, rays)
+    return ImageView(RIG, "cam", ImageObservations.join(parts), camera is not None, rays)
 
 
 def odds(probability):
@@ -75,14 +73,6 @@ def test_a_camera_alone_guesses_the_distance_by_size():
     assert np.isnan(car.range_rate_mps[0])
 
 
-def test_distance_by_points_that_are_no_object_leaves_out_the_background():
-    few = back(20)[::40]
-    car = found(camera(CAR), lidar=cloud(few, wall(40)))
-    assert len(few) == 3
-    assert car.sources.tolist() == [3]
-    assert car.distance_m[0] == pytest.approx(22, abs=0.1)
-
-
 def test_an_object_through_which_rays_go_is_believed_less():
     seen = found(camera(CAR), lidar=cloud(wall()))
     assert odds(seen.score[0]) == pytest.approx(0.25 * odds(found(camera(CAR)).score[0]))
@@ -105,7 +95,7 @@ def test_the_best_pair_is_joined_first_whichever_sensors_it_is_of():
     one = camera(CAR, [385.0, 288, 440, 319.5])
     pairs = associate(ImageObservations.join([one, camera(CAR)]), 0.2)
     assert [len(rows) for rows in pairs] == [1, 1, 1]  # boxes of one sensor are never joined
-    lidar = by_points(spots(RIG, "cam", LIDAR, PARAMS)[1], Source.L)
+    lidar = by_points(spots(RIG, "cam", LIDAR, PARAMS), Source.L)
     both = ImageObservations.join([one, lidar[lidar.score > 0.3]])
     joined = next(rows for rows in associate(both, 0.2) if len(rows) == 2)
     assert both.xyxy_px[joined[0]].tolist() == CAR
@@ -128,9 +118,10 @@ def test_nothing_seen_has_the_same_fields():
     assert len(found(lidar=cloud())) == 0
 
 
-def test_late_fusion_has_no_points_in_boxes():
-    seen = view(camera(CAR), lidar=cloud(back(20)[::40], wall(40)), early=False)
-    assert fuse(seen, ImageFusionParams()).sources.tolist() == [1]
+def test_points_that_are_no_object_themselves_say_nothing():
+    car = found(camera(CAR), lidar=cloud(back(20)[::40], wall(40)))
+    assert car.sources.tolist() == [1]
+    assert car.distance_m.tolist() == found(camera(CAR)).distance_m.tolist()
 
 
 def test_what_a_camera_that_sees_well_doesnt_see_is_believed_less():

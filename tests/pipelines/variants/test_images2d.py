@@ -12,7 +12,7 @@ from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, ri
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.image.params import LidarImageParams
-from fbench.pipelines.variants.early_late import Early2D, FusedImagesParams, Late2D
+from fbench.pipelines.variants.early_late import Early2D, Early2DParams, Late2D, Late2DParams
 from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams
 from fbench.pipelines.variants.radar import Radar2D, Radar2DParams
 from fbench.replay.contracts.errors import ConfigError, LogError
@@ -25,8 +25,8 @@ LOG = LogInfo("drive", "id")
 SIMULATED_LOG = LogInfo("drive", "id", {SIMULATED: "1"})
 ALL = "cam", "lidar", "radar"
 FUSIONS: dict[str, Callable[[Path], Early2D | Late2D]] = {
-    "early2d": lambda weights: Early2D(FusedImagesParams(camera=CameraParams(weights=weights))),
-    "late2d": lambda weights: Late2D(FusedImagesParams(camera=CameraParams(weights=weights))),
+    "early2d": lambda weights: Early2D(Early2DParams(camera=CameraParams(weights=weights))),
+    "late2d": lambda weights: Late2D(Late2DParams(camera=CameraParams(weights=weights))),
 }
 
 
@@ -85,7 +85,8 @@ def test_three_sensors_see_one_car(fusion: Early2D | Late2D):
     assert car.sources.tolist() == [7]
     assert car.distance_m[0] == pytest.approx(22.1, abs=0.3)
     assert car.range_rate_mps[0] == pytest.approx(-5.0, abs=0.1)
-    stages = ["decode", "preprocess", "detect.camera", "calibrate", "detect.lidar", "detect.radar", "fuse", "track"]
+    alone = ["detect.lidar", "detect.radar"] if isinstance(fusion, Late2D) else []  # what detects by itself
+    stages = ["decode", "preprocess", "detect.camera", "calibrate", *alone, "fuse", "track"]
     assert list(output.stage_ns) == stages
 
 
@@ -135,7 +136,7 @@ def test_next_to_no_points(fusion: Early2D | Late2D, num: int):
 
 
 def test_between_detections_tracks_stand_for_them(one_car: Path):
-    pipeline = Early2D(FusedImagesParams(camera=CameraParams(weights=one_car), detect_every=2))
+    pipeline = Early2D(Early2DParams(camera=CameraParams(weights=one_car), detect_every=2))
     pipeline.start(rig(*ALL), LOG)
     pipeline.step(frame(0, image(), cloud(), scan()))
     between = pipeline.step(frame(1, image(), cloud(), scan()))
@@ -150,7 +151,7 @@ def test_between_detections_tracks_stand_for_them(one_car: Path):
     [
         (Lidar2D(), ("cam", "radar"), "lidar2d needs a LiDAR; the log has: camera cam, radar radar"),
         (Radar2D(), ("cam", "lidar"), "radar2d needs a radar; the log has"),
-        (Early2D(), ("cam",), "early2d needs a LiDAR or a radar"),
+        (Early2D(), ("cam",), "early2d needs a LiDAR, a radar or a stereo pair of cameras; the log has: camera cam"),
         (Late2D(), ("cam",), "late2d needs a LiDAR or a radar"),
         (Lidar2D(), ("lidar",), "lidar2d works in images, and the rig has no camera"),
         (Radar2D(), ("radar",), "radar2d works in images, and the rig has no camera"),
@@ -177,7 +178,7 @@ def test_cameras_that_cant_be_projected_into_are_left_out():
 
 
 def test_wrong_parameters():
-    for params in (Lidar2DParams, Radar2DParams, FusedImagesParams, FusedImagesParams):
+    for params in (Lidar2DParams, Radar2DParams, Early2DParams, Late2DParams):
         with pytest.raises(ConfigError, match="detect_every"):
             params(detect_every=0)
     with pytest.raises(ConfigError, match="min_score"):

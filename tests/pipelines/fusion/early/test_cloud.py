@@ -1,8 +1,9 @@
-"""Which radar echoes join the points of LiDAR and stereo."""
+"""Which radar echoes join the points of LiDAR and stereo, and how much these count."""
 
 import numpy as np
+import pytest
 
-from fbench.pipelines.fusion.early.cloud import DepthView, EchoParams, merge_clouds
+from fbench.pipelines.fusion.early.cloud import DepthView, EchoParams, merge_clouds, rate_exactness
 from fbench.pipelines.sensors.lidar.stage import Obstacles
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import Compensated
@@ -43,3 +44,12 @@ def test_standing_echoes_are_as_high_as_objects_and_moving_ones_anywhere():
     assert stands.source.tolist() == [int(Source.L)] * 2 + [int(Source.R)] * 2
     moves = merge_clouds(view, echoes([5.0] * 6, heights), 0.3, EchoParams())
     assert moves.height_m.tolist() == [1.0, 1.5, *heights]
+
+
+def test_points_of_stereo_count_less_the_larger_their_error_of_depth_is():
+    # 800 x 600, 90 degrees, halved: f = 200 px; with B = 0.4 m and 0.1 px the error is 0.125, 0.5 and 2 m.
+    counts = rate_exactness(np.array([0.0, 10.0, 20.0, 40.0]), 80.0, 0.1)
+    assert counts == pytest.approx([1.0, 1 / (1 + (0.125 / 0.3) ** 2), 1 / (1 + (0.5 / 0.3) ** 2), 0.09 / 4.09])
+    view = DepthView(lidar(1.0), lidar(1.0, 1.5), None, exactness=counts[1:3])
+    cloud = merge_clouds(view, echoes([5.0]), 0.3, EchoParams())
+    assert cloud.exactness.tolist() == [1.0, *counts[1:3], 1.0]

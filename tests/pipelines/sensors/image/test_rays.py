@@ -1,23 +1,7 @@
 import numpy as np
-import pytest
 from tests.pipelines.sensors.image.places import RIG, back
 
-from fbench.pipelines.sensors.image.stage import Rays, nearest_dense, share_beyond
-
-
-def test_the_background_doesnt_leak_into_a_depth():
-    depths = np.sort(np.concatenate([np.full(12, 20.0), np.linspace(45, 60, 20)]))
-    assert nearest_dense(depths, 3) == 20.0
-    assert np.median(depths) > 40
-
-
-def test_a_few_points_before_an_object_dont_count():
-    assert nearest_dense(np.array([5.0, *np.full(20, 20.0), *np.full(6, 40.0)]), 3) == 20.0
-
-
-@pytest.mark.parametrize("depths", [[], [7.0], [7.0, 20.0, 40.0]])
-def test_too_few_points_have_no_depth(depths):
-    assert np.isnan(nearest_dense(np.array(depths), 3))
+from fbench.pipelines.sensors.image.stage import Rays, share_beyond
 
 
 def test_rays_that_go_on_behind():

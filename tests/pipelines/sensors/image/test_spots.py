@@ -12,7 +12,7 @@ PARAMS = DEFAULT
 
 
 def seen(*parts, **how) -> Spots:
-    found = spots(RIG, "cam", cloud(*parts, **how), PARAMS)[1]
+    found = spots(RIG, "cam", cloud(*parts, **how), PARAMS)
     return found[found.score > 0.3]
 
 
@@ -37,7 +37,7 @@ def test_range_rates_are_relative_and_positive_when_receding(over_ground, own):
 
 
 def test_what_moves_is_another_object_than_what_stands_beside_it():
-    both = spots(RIG, "cam", joined(cloud(back(20), rate_mps=5.0), cloud(back(20, 1.9), rate_mps=0.0)), PARAMS)[1]
+    both = spots(RIG, "cam", joined(cloud(back(20), rate_mps=5.0), cloud(back(20, 1.9), rate_mps=0.0)), PARAMS)
     assert sorted(both.rate_mps.tolist()) == [-10, -5]
 
 
@@ -74,8 +74,8 @@ def test_a_guard_rail_and_a_wall_are_no_vehicles():
 def test_pixels_of_parameters_are_those_of_a_focal_length_of_400():
     twice = RIG.cameras["cam"].K * np.array([[2], [2], [1]])
     finer = type(RIG)(RIG.mounts, {"cam": type(RIG.cameras["cam"])(twice, (1600, 1200))})
-    a = spots(RIG, "cam", cloud(back(20), back(30, 6)), PARAMS)[1]
-    b = spots(finer, "cam", cloud(back(20), back(30, 6)), PARAMS)[1]
+    a = spots(RIG, "cam", cloud(back(20), back(30, 6)), PARAMS)
+    b = spots(finer, "cam", cloud(back(20), back(30, 6)), PARAMS)
     assert b.xyxy_px == pytest.approx(2 * a.xyxy_px, abs=0.6)
 
 

@@ -1,0 +1,276 @@
+"""Early fusion in images: objects of one cloud, outlined in each image that sees them, and what only cameras see."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
+from fbench.pipelines.fusion.early.fuse import Candidates, EarlyParams, choose, find_candidates
+from fbench.pipelines.fusion.early.groups import Groups
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, CameraObservation
+from fbench.pipelines.fusion.reliability import CameraReliability, saturate
+from fbench.pipelines.sensors.image.objects import focal_scale, outlines
+from fbench.pipelines.sensors.image.stage import Rays
+from fbench.pipelines.sensors.odds import log_odds, probability_of
+from fbench.pipelines.sensors.points.grid import median
+from fbench.pipelines.sensors.radar.stage import median_rate
+from fbench.pipelines.sensors.rows import Rows, suppress
+from fbench.replay.contracts.params import in_range
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.data.boxes import Boxes2D, Source, concatenate
+from fbench.replay.geometry.camera import in_image, project_body, project_boxes
+from fbench.replay.geometry.iou import iou_2d
+
+_SAME = 0.5  # Of two objects with a larger IoU the farther one would be hidden
+
+
+@dataclass(frozen=True)
+class EarlyImageParams(EarlyParams, prefix="fusion"):
+    """How one cloud becomes objects in images."""
+
+    margin_px: float = in_range(2.0, 0, 1e4)
+    """By so much outlines around points are wider than these [px], at a focal length of 400 px."""
+    measured_share: float = in_range(0.1, 0, 1)
+    """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
+    weak_measured_share: float = in_range(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
+    unseen_by_rays: float = in_range(0.25, 0, 1)
+    """Factor on the odds of an object that only a camera sees, where the rays of LiDARs go on behind it."""
+    through: float = in_range(0.6, 0, 1)
+    """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
+    unseen_by_camera: float = in_range(0.02, 0, 1)
+    """Factor on the odds of an object that the camera of an image ought to see and doesn't, beside `existence.unseen`;
+    nearer to 1 the less cameras saw lately of what LiDAR and radar see, as by night."""
+    camera_size_px: float = in_range(40.0, 0.1, 1e5)
+    """Of objects whose outline has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this).
+    """
+    most_unseen: float = in_range(1.0, 0, 1000)
+    """Largest logarithm of the odds of what a camera surely ought to see and doesn't, before `unseen_by_camera`; twice
+    as large where it ought to see half of such objects."""
+    least_inside: float = in_range(0.3, 0, 1)
+    """Objects with less than this share of their points in an image have an outline there only by a camera's box."""
+
+
+@dataclass(frozen=True, eq=False)
+class Groups2D:
+    """What is known of M groups of points, and which group each of S observations of cameras shows."""
+
+    found: Candidates
+    kept: Bool  # (M,) whether early fusion in 3D reports it
+    distance_m: Float64  # (M,) from the body's origin to the middle [m]
+    rate_mps: Float64  # (M,) change of the distance [m/s], positive when receding; NaN where unknown
+    shown: Int64  # (S,) the group of each observation, -1: none
+
+
+class EarlyImageFusion:
+    """Outlines the objects of one cloud in images, and learns from it how well the cameras see."""
+
+    def __init__(self, cameras: Sequence[str], params: EarlyImageParams) -> None:
+        self._cameras, self._params, self._reliability = cameras, params, CameraReliability()
+
+    def reset(self) -> None:
+        """Forget how well the cameras see."""
+        self._reliability.reset()
+
+    def fuse(self, scene: Scene, rays: Mapping[str, Rays]) -> Boxes2D:
+        """Find the objects of one frame, see `fuse_in_images`."""
+        found = fuse_in_images(scene, self._cameras, rays, self._params, self._reliability.share)
+        self._reliability.learn(found[np.isin(found.camera, sorted(scene.cameras))])
+        return found
+
+
+def fuse_in_images(
+    scene: Scene, cameras: Sequence[str], rays: Mapping[str, Rays], params: EarlyImageParams, camera_share: float = 0.9
+) -> Boxes2D:
+    """Find labeled objects in the images of `cameras`, with score, sources, distance and range rate, by camera and
+    falling score. `rays` are those of LiDARs in the images of cameras that work, and `camera_share` is the share of
+    objects that cameras see at present.
+
+    Objects are those that early fusion finds in space, and what a camera is sure of. An object has its class and
+    outline from the camera that sees it, drawn toward that of its points, the more the less the camera is sure; without
+    one it is outlined by its points. Of objects in one place of an image the surest stays.
+    """
+    found = find_candidates(scene, params)
+    kept = np.zeros(len(found.groups), np.bool_)
+    kept[choose(found, params)] = True
+    distance = np.sqrt((found.boxes.center_m**2).sum(axis=1))
+    groups = Groups2D(found, kept, distance, range_rates(scene.cloud, found.groups), match_groups(found, scene.cloud))
+    return concatenate([
+        _outline(scene, groups, name, rays.get(name), params, camera_share if name in scene.cameras else 0.0)
+        for name in cameras
+    ])  # fmt: skip
+
+
+def match_groups(found: Candidates, cloud: FusedCloud) -> Int64:
+    """Group (S,) that each observation shows: that which was made of its points, else that with most of them, if no
+    other observation of its camera has more of those; -1: none.
+    """
+    seen, groups = found.seen, found.groups
+    result, number = np.full(len(seen.observations), -1), np.full(len(cloud), -1)
+    number[groups.rows] = groups.number
+    own = np.flatnonzero(groups.observation >= 0)
+    result[groups.observation[own]] = own
+    taken = {(seen.observations[at].camera, int(result[at])) for at in groups.observation[own]}
+    wanted = []
+    for at in np.flatnonzero(result < 0).tolist():
+        rows = number[seen.taken[at]]
+        if (rows >= 0).any():
+            counts = np.bincount(rows[rows >= 0])
+            wanted.append((-int(counts.max()), at, int(counts.argmax())))
+    for _, at, row in sorted(wanted):
+        place = seen.observations[at].camera, row
+        if place not in taken:
+            result[at] = row
+            taken.add(place)
+    return result
+
+
+def range_rates(cloud: FusedCloud, groups: Groups) -> Float64:
+    """Change of the distance (M,) [m/s] of groups, by their moving echoes where there are two, else by all; NaN without
+    an echo whose radar knows how it moves itself.
+    """
+    result, is_echo = np.full(len(groups), np.nan), np.isfinite(cloud.range_rate_mps + cloud.own_mps)
+    for row in np.unique(groups.number[is_echo[groups.rows]]).tolist():
+        rows = groups.rows[groups.first[row] : groups.first[row + 1]]
+        rows = rows[is_echo[rows]]
+        moving = rows[cloud.is_moving[rows]]
+        rows = moving if len(moving) >= 2 else rows
+        result[row] = median_rate(cloud.range_rate_mps[rows], cloud.period_mps[rows]) - median(cloud.own_mps[rows])
+    return result
+
+
+def outline_groups(scene: Scene, found: Candidates, camera: str, params: EarlyImageParams) -> Float64:
+    """Outlines (M, 4) [px] of groups in one image, NaN where nothing of one is in it: of their points of LiDAR and
+    stereo where there are enough for a shape, else of their boxes in space.
+    """
+    groups, cloud = found.groups, scene.cloud
+    result, _ = project_boxes(scene.rig, camera, found.boxes)
+    dense = cloud.source[groups.rows] != int(Source.R)
+    has_shape = np.bincount(groups.number[dense], minlength=len(groups)) >= params.fit_points
+    result[has_shape] = np.nan
+    uv, _ = project_body(scene.rig, camera, cloud.xyz[groups.rows])
+    is_used = dense & has_shape[groups.number] & np.isfinite(uv).all(axis=1)
+    rows, shown = groups.rows[is_used], np.unique(groups.number[is_used])
+    if len(rows):
+        first = np.append(np.searchsorted(groups.number[is_used], shown), len(rows))
+        margin = params.margin_px * focal_scale(scene.rig.cameras[camera])
+        result[shown] = outlines(scene.rig, camera, scene.plane, cloud.xyz[rows], first, margin)
+    inside = groups.sums(dense & in_image(scene.rig.cameras[camera], uv))
+    result[has_shape & (inside < params.least_inside * groups.sums(dense))] = np.nan
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Shown(Rows):
+    """N objects in one image."""
+
+    xyxy_px: Float64  # (N, 4) left, top, right, bottom [px]
+    label: Text  # (N,)
+    score: Float64  # (N,) 0 to 1
+    distance_m: Float64  # (N,) from the body's origin to the middle [m]
+    rate_mps: Float64  # (N,) change of the distance [m/s], positive when receding; NaN where unknown
+    sources: Array  # (N,) uint8 bits of `Source`
+
+
+def _outline(
+    scene: Scene, groups: Groups2D, camera: str, rays: Rays | None, params: EarlyImageParams, camera_share: float
+) -> Boxes2D:
+    around = outline_groups(scene, groups.found, camera, params)
+    found = groups.found
+    every, kept = found.seen.observations, np.append(groups.kept, False)  # the last: of no group
+    rows = np.flatnonzero([one.camera == camera for one in every])
+    unseen = groups.kept & np.isfinite(around).all(axis=1)
+    shown = _take_over([every[at] for at in rows], groups.shown[rows], kept, around, unseen)
+    is_used = np.array([every[at].is_sure for at in rows], np.bool_) | kept[shown]
+    rows, shown = rows[is_used], shown[is_used]
+    by_camera = _take_cameras(scene, groups, [every[at] for at in rows], shown, around, rays, params)
+    unseen[shown[shown >= 0]] = False
+    sides = around[unseen, 2:] - around[unseen, :2]
+    looked = camera_share * saturate(np.sqrt(sides.prod(axis=1)), params.camera_size_px)
+    doubt = np.log(np.maximum(1 - (1 - params.unseen_by_camera) * looked, 1e-9))
+    odds = np.minimum(log_odds(found.score[unseen], 1e-9), params.most_unseen / np.maximum(looked, 1e-9))
+    score = probability_of(odds + doubt)
+    by_points = Shown(
+        around[unseen], found.label[unseen], score, groups.distance_m[unseen], groups.rate_mps[unseen],
+        found.counts.sources[unseen],
+    )  # fmt: skip
+    result = Shown.join([by_camera, by_points])
+    result = result[np.lexsort((*result.xyxy_px.T[::-1], -result.score))]
+    result = result[result.score >= params.min_score]
+    result = result[suppress(iou_2d(result.xyxy_px, result.xyxy_px) > _SAME)]
+    return Boxes2D(
+        camera=np.full(len(result), camera),
+        xyxy_px=result.xyxy_px,
+        label=result.label,
+        score=result.score,
+        distance_m=result.distance_m,
+        range_rate_mps=result.rate_mps,
+        sources=result.sources,
+    )
+
+
+def _take_over(seen: Sequence[CameraObservation], group: Int64, kept: Bool, around: Float64, is_free: Bool) -> Int64:
+    """Group (N,) that each box of one camera shows. One whose own group isn't kept, because a surer one is in its
+    place, shows that one where their outlines agree, the most alike pairs first.
+    """
+    result, free = group.copy(), np.flatnonzero(is_free)
+    free = free[~np.isin(free, group)]
+    box = np.array([one.xyxy_px for one in seen], np.float64).reshape(-1, 4)
+    overlap = iou_2d(box, around[free])
+    overlap[kept[group]] = 0.0
+    for at in np.argsort(-overlap, axis=None, kind="stable").tolist():
+        row, column = divmod(at, max(len(free), 1))
+        if overlap[row, column] <= _SAME:
+            break
+        result[row], overlap[row], overlap[:, column] = free[column], 0.0, 0.0
+    return result
+
+
+def _take_cameras(
+    scene: Scene,
+    groups: Groups2D,
+    seen: Sequence[CameraObservation],
+    group: Int64,
+    around: Float64,
+    rays: Rays | None,
+    params: EarlyImageParams,
+) -> Shown:
+    """What one camera sees (N), where it shows groups (N,), -1: none, with the outlines (M, 4) `around` all of them."""
+    box = np.array([one.xyxy_px for one in seen], np.float64).reshape(-1, 4)
+    score = np.array([one.score for one in seen], np.float64)
+    alone, likely = np.where([one.is_sure for one in seen], score, 0.0), np.append(groups.found.score, 0.0)[group]
+    for at in np.flatnonzero(group < 0).tolist():
+        if rays is not None and _is_seen_through(scene, seen[at], rays, params.through):
+            alone[at] = probability_of(log_odds(alone[at]) + np.log(max(params.unseen_by_rays, 1e-9)))
+    drawn = np.append(groups.kept, False)[group]
+    sure = np.minimum(score / AT_MIN_SCORE, 1.0)
+    share = np.where(drawn, sure * params.measured_share + (1 - sure) * params.weak_measured_share, 0.0)
+    target = np.concatenate([around, np.zeros((1, 4))])[group]
+    moved = box + share[:, None] * (target - box)
+    guess = np.array([_distance_m(scene, one) for one in seen], np.float64)
+    return Shown(
+        np.where(np.isfinite(moved), moved, box),
+        np.array([one.label for one in seen], np.str_),
+        np.maximum(alone, likely),
+        np.where(group >= 0, np.append(groups.distance_m, 0.0)[group], guess),
+        np.append(groups.rate_mps, np.nan)[group],
+        np.append(groups.found.counts.sources, np.uint8(Source.C))[group] | np.uint8(Source.C),
+    )
+
+
+def _place(scene: Scene, one: CameraObservation, distance_m: float) -> Float64:
+    """Place (3,) so far from a camera [m] in the direction of its box, on the ground or as high as the camera."""
+    xy = one.eye_m[:2] + distance_m * np.array([np.cos(one.bearing_rad), np.sin(one.bearing_rad)])
+    z = one.eye_m[2] if scene.plane is None else scene.plane.z_m(xy[None])[0] + one.size_lwh_m[2] / 2
+    return np.array([*xy, z])
+
+
+def _distance_m(scene: Scene, one: CameraObservation) -> float:
+    """Distance from the body's origin [m] that a camera guesses."""
+    return float(np.sqrt((_place(scene, one, one.near_m + one.depth_m) ** 2).sum()))
+
+
+def _is_seen_through(scene: Scene, one: CameraObservation, rays: Rays, share: float) -> bool:
+    """Whether rays go on behind what a camera sees, wherever it may be."""
+    depth = float(project_body(scene.rig, one.camera, _place(scene, one, one.near_m)[None])[1][0])
+    return rays.go_through(one.xyxy_px, depth, one.std, share)
