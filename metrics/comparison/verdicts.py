@@ -175,15 +175,13 @@ def _explain_doubt(
     low: float, high: float, tolerance: float, p: float, found: Inference, how: ErrorRates, num_judged: int
 ) -> str:
     interval, num = f"the interval {low:+.3f} to {high:+.3f}", found.num_units
-    if num < (least := how.least_units(num_judged)):
-        far = "reaches beyond the tolerance" if low <= tolerance and high >= -tolerance else "is beyond the tolerance"
-        return f"{interval} {far}, but {num} stretches or scenes are too few to show any change; {least} or more can"
     smallest = found.smallest(how, num_judged)
     shows = "" if smallest is None else f"; this much data shows changes from {smallest:.3f} on"
+    few, least = f"{num} stretches or scenes are too few", how.least_units(num_judged)
+    few += f" to show any change; {least} or more can" if num < least else f" to be sure{shows}"
     if low <= tolerance and high >= -tolerance:
-        return f"{interval} reaches beyond the tolerance{shows}"
-    few = f"{num} stretches or scenes are too few to be sure"
-    return f"{interval} is beyond the tolerance, but p = {p:.2g} after correction: {few}{shows}"
+        return f"{interval} reaches beyond the tolerance{f'; {few}' if num < least else shows}"
+    return f"{interval} is beyond the tolerance, but p = {p:.2g} after correction: {few}"
 
 
 def _judge_missing(n: _Number) -> tuple[Verdict, str]:

@@ -20,7 +20,7 @@ def comment(comparison: Comparison) -> str:
         lines += ["| | number | base | head | change | 95 % interval | verdict |", "|---|---|--:|--:|--:|--:|---|"]
         lines += [_line(row) for row in rows]
         if (more := len(gating) + len(informing) - len(rows)) > 0:
-            lines += ["", f"{more} more numbers changed; see the full report."]
+            lines += ["", f"{more} more numbers changed; `fbench compare` lists them."]
     lines += ["", *(f"- **failed**: {_escape(failure)}" for failure in comparison.failures)]
     lines += [f"- first difference in {_escape(d.cell)}: {_escape(str(d))}" for d in comparison.divergences[:3]]
     places = comparison.places

@@ -152,6 +152,7 @@ def test_a_clear_loss_in_too_few_stretches_says_so(tmp_path: Path) -> None:
     f1 = compare(tmp_path / "base", tmp_path / "head", "").gating[0]
     assert f1.verdict == "INCONCLUSIVE"
     assert "is beyond the tolerance, but p = 0.062 after correction: 6 stretches or scenes are too few" in f1.reason
+    assert f1.reason.endswith("are too few to show any change; 7 or more can")
 
 
 def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:
@@ -251,11 +252,3 @@ def test_what_is_no_baseline_is_refused(tmp_path: Path, text: str) -> None:
 def test_a_baseline_needs_a_reason(runs: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="say why"):
         accept(runs / "base", "  ", tmp_path / "b.json", "Ada", "2026")
-
-
-def test_a_large_loss_in_too_little_log_says_how_much_more_is_needed(tmp_path: Path) -> None:
-    write_drive(tmp_path / "base", seconds=6)
-    write_drive(tmp_path / "worse", {(i, n) for i in range(60) for n in (0, 1)}, seconds=6)
-    found = compare(tmp_path / "base", tmp_path / "worse", "")
-    assert (found.state, row(found, "f1").verdict) == ("inconclusive", "INCONCLUSIVE")
-    assert "6 stretches or scenes are too few to show any change; 7 or more can" in row(found, "f1").reason
