@@ -144,7 +144,7 @@ def describe_file(path: Path) -> dict[str, object]:
     return {"file": path.name, "sha256": sha256}
 
 
-def names_file(params: object, path: str, text: str) -> bool:
+def names_file(params: Any, path: str, text: str) -> bool:
     """Tell whether what a parameter is set to, whose dotted name may begin with that of a sensor, is a file."""
     name = path.rpartition(".")[2]
     hints = [hint for known, hint in _hints(type(params)) if known == name]
