@@ -5,7 +5,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from fbench.api.baselines import load_baseline
 from fbench.api.sides import Side, open_results, pair_cells
@@ -16,7 +25,14 @@ from fbench.metrics.comparison.relations import ORIGINAL, RELATIONS_FILE, compar
 from fbench.metrics.comparison.verdicts import Judge, Rule, default_rules
 from fbench.metrics.definitions.catalog import definition_of
 from fbench.metrics.latency import compare_repeats
-from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean, require_printable, wrong_key
+from fbench.replay.contracts.errors import (
+    ConfigError,
+    MetricError,
+    did_you_mean,
+    require_printable,
+    require_whole,
+    wrong_key,
+)
 from fbench.replay.contracts.faults import FAULTS
 from fbench.replay.contracts.variants import read_config
 from fbench.replay.data.comparison import Comparison, ObjectChange, Row, State, WorstFrame
@@ -98,7 +114,7 @@ class LatencyTable(_Strict):
 class Policy(_Strict):
     """A whole `gate.toml`."""
 
-    version: Literal[1]
+    version: Annotated[Literal[1], BeforeValidator(require_whole)]
     alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05  # Chance of any false alarm among all statistical gates
     inconclusive: Literal["pass", "fail"] = "pass"
     inform: bool = True  # Whether numbers without a gate are judged, too, and shown
@@ -211,7 +227,10 @@ def _compare_results(request: CompareRequest) -> Comparison:
     state = _state(rows, failures, all(pair.is_identical for pair in pairs), policy)
     first = tuple(objects[:_MOST_OBJECTS])
     all_notes = tuple(failures), tuple(notes)
-    return Comparison(tuple(rows), request.tolerance, state, *all_notes, divergences, first, tuple(worst[:10]))
+    cells = tuple(pair.entry for pair in pairs)
+    return Comparison(
+        tuple(rows), request.tolerance, state, *all_notes, divergences, first, tuple(worst[:10]), cells=cells
+    )
 
 
 def _describe(rule: Rule) -> str:

@@ -108,9 +108,9 @@ def _check(request: ReplayRequest, base: Run, name: str, relation: Relation, cha
     try:
         run = _replay(request, relation, folder / name)
     except LogError as error:
-        return HeldRelation(name, change, relation.least, None, str(error))
+        return HeldRelation(name, change, relation.least, None, error.line)
     except RunError as error:
-        return HeldRelation(name, change, relation.least, None, str(error), has_failed=True)
+        return HeldRelation(name, change, relation.least, None, error.line, has_failed=True)
     cell = CellName(base.manifest.log.name, base.manifest.pipeline, name)
     pair = CellPair(cell, CellSide(base.manifest, (), base), CellSide(run.manifest, (), run))
     held = HeldRelation(name, change, relation.least, compare_by_base([pair], (), ()))

@@ -120,7 +120,8 @@ class RobustSuite:
 
     def cells(self) -> Iterator[RobustCell]:
         """Yield all cells, log by log: of each pipeline clear weather first. Conditions that fit no sensor of a log
-        are left out. Raises ConfigError where two logs have one name, or a condition can't be understood.
+        are left out. Raises ConfigError where two logs have one name, or a condition can't be understood, and LogError
+        where a log can't be read.
         """
         names: dict[str, Path] = {}
         for request in self.requests:
@@ -143,10 +144,13 @@ class RobustSuite:
             yield from ((condition, severity, with_severity(condition, severity)) for severity in own)
 
     def _why_unfit(self, request: ReplayRequest, condition: str, severity: str) -> str | None:
-        """Say why a condition of a suite doesn't fit a log. Raises ConfigError and LogError where it was asked for."""
+        """Say why a condition of a suite doesn't fit a log. Raises ConfigError and LogError where it was asked for, or
+        the log can't be read.
+        """
         parts, source = parse_conditions(with_severity(condition, severity)), log_source(request.log)
+        span, rig = source.span(), source.open(FaultLog()).rig
         try:
-            Disturbance(parts, request.seed, source.span()).require_fits(source.open(FaultLog()).rig)
+            Disturbance(parts, request.seed, span).require_fits(rig)
         except (ConfigError, LogError) as error:
             if condition in self.asked:
                 raise

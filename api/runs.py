@@ -16,12 +16,13 @@ from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
-from fbench.replay.contracts.protocols import KeepsStderr, Pipeline, Reader
+from fbench.replay.contracts.protocols import KeepsStderr, Overlaps, Pipeline, Reader
 from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import format_count, score_rows
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import replay as replay_plan
+from fbench.replay.engine.overlap import Overlap
 from fbench.replay.engine.plan import NUM_MEDIA, Plan
 from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.engine.service_queue import MEASURED
@@ -244,7 +245,7 @@ def replay(
     rate = "max" if request.latency is not None else request.rate  # with latency the queue has it, and nobody waits
     clock, start = make_clock(rate, options.sync.max_gap_ns), time.monotonic()
     machine, energy = describe_host(), EnergyMeter.read()
-    faults, variant, entry = FaultLog(), request.variant, None
+    faults, variant, entry, speed = FaultLog(), request.variant, None, _Speed(progress)
     if variant is not None:
         sets = [parameter for parameter, _ in variant.settings]
         entry = VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
@@ -254,7 +255,9 @@ def replay(
         host |= {"peak_memory_mib": round(peak_memory_mib(), 1), "reference_ms": round(measure_reference_ms(), 3)}
         pace = clock.pace
         known = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
+        known |= {"drift_ms_per_min": pace.drift_ms_per_min}
         host |= {"isolated": True} if request.isolate else {}
+        host |= {"overlap": 1 if plan.overlap is None else plan.overlap.num, "frames_per_s": speed.frames_per_s}
         host |= {name: round(value, 3) for name, value in known.items() if value is not None}
         replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
         if not request.redact:
@@ -271,6 +274,8 @@ def replay(
 
     with ExitStack() as opened, explain_losses(faults):
         pipeline, parameters = opened.enter_context(open_requested(request, options.settings))
+        if options.latency is not None and options.latency.profile is not None:
+            options.latency.profile.require_parameters(parameters)
         plan = replace(
             make_plan(options, pipeline, name, parameters),
             variant=entry,
@@ -280,10 +285,14 @@ def replay(
             budget=options.budget,
             redact=request.redact,
             num_media=0 if request.no_media else NUM_MEDIA,
-            progress=progress,
+            progress=speed.count,
             failed=failed,
         )
         give_log(pipeline, name, lambda: options.log.open(faults))
+        if request.overlap > 1 and isinstance(pipeline, Overlaps):
+            with guard(f"pipeline '{name}' can't overlap frames"):
+                processes = Overlap(request.pipeline, options.settings, request.overlap)
+                plan = replace(plan, overlap=opened.enter_context(processes))
         with _open_reader(request, options, faults, shared) as reader:
             log = public_name(reader.info) if request.redact else reader.info.name
             under = "".join(f"-{part}" for part in options.disturbance.parts)
@@ -294,6 +303,25 @@ def replay(
     if request.report:
         load("reports", "html")().write([run], folder / "report.html")
     return OpenRun(run)
+
+
+class _Speed:
+    """Frames a second, from the end of the first frame on: what starts with it doesn't count."""
+
+    def __init__(self, progress: Callable[[int], None]) -> None:
+        self._progress, self._begin_ns, self._end_ns, self._num = progress, 0, 0, 0
+
+    def count(self, num_frames: int) -> None:
+        """Take note that so many frames are done."""
+        self._end_ns, self._num = time.monotonic_ns(), num_frames
+        self._begin_ns = self._end_ns if num_frames == 1 else self._begin_ns
+        self._progress(num_frames)
+
+    @property
+    def frames_per_s(self) -> float | None:
+        """`None`: there was one frame only."""
+        passed_ns = self._end_ns - self._begin_ns
+        return round((self._num - 1) * 1e9 / passed_ns, 3) if passed_ns else None
 
 
 def _open_reader(

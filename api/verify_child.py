@@ -34,7 +34,7 @@ def main() -> int:
         try:
             run(TASK.validate_python(json.loads(sys.stdin.buffer.read())))
         except FbenchError as error:
-            out.write(f"{error}\n")
+            out.write(f"{error.line}\n")
             return error.exit_code
     return EXIT_OK
 

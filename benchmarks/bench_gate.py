@@ -6,7 +6,8 @@
   is in how many comparisons any of the numbers, judged together, is REGRESSED (Holm) or improved.
 - Power: hits of the head become misses, as many as make the F1 drop by the smallest difference that the comparison
   states for 90 %. Reported is how often the drop is found among all numbers.
-- Coverage: how often the 95 % interval holds the difference of all stretches, from which those of a trial are drawn.
+- Coverage: how often the 95 % interval holds the difference of all stretches, from which those of a trial are drawn,
+  in five times as many trials: of 1000 alone, chance makes 93.6 % to 96.4 % of 95 %.
 """
 
 import argparse
@@ -151,7 +152,9 @@ def main() -> None:
     found, size = power(numbers[0], args.units, args.trials, len(numbers), how)
     print(f"power: {found} of {args.trials} planted drops of {size:.4f} ({numbers[0].name})")
     f1, switches = numbers[:3], [n for n in numbers if n.name.startswith("mota/vehicle/all")][:1]
-    for number, share in zip([*f1, *switches], coverage([*f1, *switches], args.units, args.trials, how), strict=True):
+    for number, share in zip(
+        [*f1, *switches], coverage([*f1, *switches], args.units, 5 * args.trials, how), strict=True
+    ):
         print(f"coverage: {100 * share:.1f} % ({number.name})")
 
 

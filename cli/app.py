@@ -8,11 +8,13 @@ import signal
 import sys
 import threading
 from contextlib import suppress
+from functools import cache
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Option
+from typer.main import get_command
 
 from fbench.cli import (
     baseline,
@@ -133,7 +135,7 @@ def main() -> None:
     try:
         # It may stand anywhere, as people add it to the end of a command that went wrong.
         others = [a for a in arguments if a != "--debug"] or ["--help"]
-        code = app(["--debug", *others] if debug else others, standalone_mode=False)
+        code = _command()(["--debug", *others] if debug else others, standalone_mode=False)
         if code == _INTERRUPTED and not interrupts:
             raise typer.Abort
         sys.exit(code)
@@ -149,6 +151,12 @@ def main() -> None:
             _complain(line)
         code = EXIT_USAGE if isinstance(error, _UsageError) else EXIT_DATA
         sys.exit(error.exit_code if isinstance(error, FbenchError) else code)
+
+
+@cache
+def _command() -> Any:
+    """All commands, built anew by no further call of `main` in this process."""
+    return get_command(app)
 
 
 _AGAIN_S = 0.1
@@ -196,7 +204,7 @@ def _line(error: Exception) -> str:
     """One line about an error, whatever is in its text."""
     match error:
         case FbenchError():
-            text = f"{error} [{error.code}]" if error.code else str(error)
+            text = error.line
         case MemoryError():
             text = "out of memory: the data needs more than there is"
         case ImportError() | OSError() | RuntimeError() if any(sign in str(error) for sign in _SIGNS_OF_NO_MEMORY):

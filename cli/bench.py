@@ -22,7 +22,7 @@ from fbench.cli.show import import_progress, make_table, print_json, printable, 
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
 if TYPE_CHECKING:
-    from fbench.api.bench import BenchResult
+    from fbench.api.suites.bench import BenchResult
     from fbench.api.suites.cells import CellResult
     from fbench.api.suites.suite import SuiteCell
 
@@ -64,7 +64,7 @@ def run(
     json: options.Json = False,
 ) -> None:
     """Run the cells of a suite whose runs aren't there, and print what they gave."""
-    from fbench.api.bench import BenchRequest, run_bench
+    from fbench.api.suites.bench import BenchRequest, run_bench
 
     request = BenchRequest(suite, out, jobs, scheduler, store, leave_one_out)
     table = SuiteProgress()
@@ -181,7 +181,7 @@ def _content(result: "BenchResult") -> dict[str, object]:
 
 
 def _write(result: "BenchResult") -> list[Path]:
-    from fbench.api.bench import SUITE
+    from fbench.api.suites.bench import SUITE
     from fbench.api.suites.cells import CELLS, SCORES
     from fbench.replay.data.files import replace_text
     from fbench.reports.markdown import markdown

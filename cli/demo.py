@@ -135,7 +135,7 @@ def run_experiment(what: "Experiment", num_jobs: int) -> int:
 
 def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, CellResult]]") -> list[Path]:
     """Write the results in every form, and return the paths worth naming."""
-    from fbench.api.bench import SUITE
+    from fbench.api.suites.bench import SUITE
     from fbench.api.suites.tables import write_tables
     from fbench.cli.experiment import runs_to_show
     from fbench.replay.data.files import replace_text

@@ -62,6 +62,14 @@ Seed = Annotated[int, Option(metavar="N", help="Random seed of conditions, and o
 BudgetMs = Annotated[
     float, Option(metavar="MS", help="Time that a frame may take; in a sweep, counted from when it was ready.")
 ]
+Overlap = Annotated[
+    int,
+    Option(
+        metavar="N",
+        help="Detect in several frames at the same time, in N processes, where the pipeline allows it. The results are "
+        "the same.",
+    ),
+]
 ReadAhead = Annotated[str, Option(metavar="N", help="Number of messages to decode in advance, 'all', or 'auto'.")]
 InterpolateTruthMs = Annotated[
     float,
@@ -249,6 +257,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "fbench log simulate highway --sensors 'lidar,radar' --set weather.rain_mm_h=30 -o rain.mcap",
         "fbench log simulate suite --split test -o suite",
     ),
+    "weights compare": ("fbench weights compare drive.mcap deimv2-femto yolox-nano mine.onnx",),
     "weights list": ("fbench weights list", "fbench weights list --json"),
     "weights get": (
         "fbench weights get deimv2-femto",

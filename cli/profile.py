@@ -30,8 +30,8 @@ def profile(
     json: options.Json = False,
 ) -> None:
     """Measure how long each stage of a pipeline takes by what a frame holds, and write it for replays elsewhere."""
-    from fbench.api.profile import ProfileRequest
-    from fbench.api.profile import profile as record_profile
+    from fbench.api.profiles import ProfileRequest
+    from fbench.api.profiles import profile as record_profile
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline
     from fbench.replay.setup.source import LogRequest
 

@@ -31,6 +31,7 @@ def replay(
     rate: Annotated[
         str, Option(metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
     ] = "max",
+    overlap: options.Overlap = 1,
     reference: options.Reference = None,
     timeout_ms: options.TimeoutMs = None,
     tolerance_ms: options.ToleranceMs = None,
@@ -103,6 +104,7 @@ def replay(
         out=out,
         overwrite=overwrite,
         rate=rate,
+        overlap=overlap,
         read_ahead=read_ahead,
         on_fault=on_fault,
         fault_budget=fault_budget or (),

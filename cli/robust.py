@@ -2,6 +2,7 @@
 
 import json as json_
 import os
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,14 +13,18 @@ from typer import Argument, Option
 from fbench.cli import options
 from fbench.cli.show import print_json, replay_progress, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+from fbench.replay.runs.secrets import without_secrets
 
 if TYPE_CHECKING:
     from fbench.api.robust import RobustCell, RobustSuite
     from fbench.api.suites.cells import CellResult
     from fbench.replay.data.scores import Results
 
+_NAMED_APART = ("logs", "pipelines", "suite", "out", "jobs", "json")
+
 
 def robust(
+    context: typer.Context,
     logs: Annotated[list[Path], Argument(metavar="LOG...", help="Logs with ground truth.", show_default=False)],
     pipelines: Annotated[
         list[str], Option("--pipeline", "-p", metavar="NAME[,NAME]", help="Pipelines; repeatable.", show_default=False)
@@ -85,19 +90,25 @@ def robust(
         for log in logs for name in dict.fromkeys(names)
     ]  # fmt: skip
     what = RobustSuite(
-        requests, wanted, parse_severities(severity), out, _command(logs, names, chosen, asked, severity, seed),
+        requests, wanted, parse_severities(severity), out, _command(context, logs, names, chosen),
         baseline or (names[0] if len(set(names)) > 1 else None), asked,
     )  # fmt: skip
     raise typer.Exit(_run(what, jobs or len(os.sched_getaffinity(0)), json))
 
 
-def _command(
-    logs: list[Path], pipelines: list[str], suite: str | None, asked: tuple[str, ...], severity: str, seed: int
-) -> str:
-    """The command without what changes no result: where it writes, and how many processes."""
-    words = ["fbench robust", *(log.name for log in logs), f"-p {','.join(pipelines)}"]
-    words += [*([f"--suite {suite}"] if suite else []), *(f"--condition {name}" for name in asked)]
-    return " ".join([*words, f"--severity {severity}", f"--seed {seed}"])
+def _command(context: typer.Context, logs: list[Path], pipelines: list[str], suite: str | None) -> str:
+    """The command without what changes no result: where logs and files lie, where it writes, how many processes."""
+    words = ["fbench", "robust", *(log.name for log in logs), "-p", ",".join(pipelines)]
+    words += ["--suite", suite] if suite else []
+    for option in context.command.params:
+        name, value = str(option.name), context.params.get(str(option.name))
+        is_given = str(context.get_parameter_source(name)).endswith("COMMANDLINE")
+        if name in _NAMED_APART or not (is_given or name in ("severity", "seed")):
+            continue
+        switch = option.opts[0] if value is not False else option.secondary_opts[0]
+        for one in value if isinstance(value, tuple | list) else [value]:
+            words += [switch] if isinstance(one, bool) else [switch, one.name if isinstance(one, Path) else str(one)]
+    return without_secrets(shlex.join(words))
 
 
 def _run(what: "RobustSuite", num_jobs: int, json: bool) -> int:

@@ -141,9 +141,12 @@ def _status(run: Run) -> list[str]:
     report, host = run.folder / "report.html", run.json("host.json")
     achieved = f"{host['achieved_rate']:.3g}x" if "achieved_rate" in host else "–"
     if host["rate"] == "max":
-        lines.append(f"pace: {achieved} real time")
+        speed = f", {host['frames_per_s']:.3g} frames/s" if host.get("frames_per_s") else ""
+        overlap = f", in {host['overlap']} processes" if host.get("overlap", 1) > 1 else ""
+        lines.append(f"pace: {achieved} real time{speed}{overlap}")
     else:
         late = f"p99 late {host['p99_late_ms']:.1f} ms, max {host['max_late_ms']:.1f} ms"
+        late += f", drift {host['drift_ms_per_min']:.2f} ms a minute" if "drift_ms_per_min" in host else ""
         lines.append(f"pace: asked {host['rate']}x, achieved {achieved}, {late}")
     return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
 

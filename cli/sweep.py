@@ -10,7 +10,7 @@ from fbench.cli.show import console, make_table, print_json, replay_progress, sa
 from fbench.replay.data.scores import DASH, FORECAST, LOCKSTEP, STREAMING
 
 if TYPE_CHECKING:
-    from fbench.api.sweep import RateSweep
+    from fbench.api.sweeps import RateSweep
 
 
 def sweep(
@@ -41,8 +41,8 @@ def sweep(
     json: options.Json = False,
 ) -> None:
     """Replay a log at several rates, and print what is dropped and what outputs are worth when they are ready."""
-    from fbench.api.sweep import SweepRequest, sweep_content
-    from fbench.api.sweep import sweep as sweep_log
+    from fbench.api.sweeps import SweepRequest, sweep_content
+    from fbench.api.sweeps import sweep as sweep_log
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline
     from fbench.replay.setup.source import LogRequest
 

@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 from fbench.cli import options
-from fbench.cli.show import byte_progress, console, make_table, message_progress, print_json, say
+from fbench.cli.show import byte_progress, console, make_table, message_progress, print_json, replay_progress, say
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.files import make_parent
 from fbench.replay.data.scores import format_count
@@ -82,6 +82,60 @@ def train(
     card = recipe.finish(network, out)
     checkpoint.unlink()
     say(f"weights: {out}", f"card: {card}")
+
+
+@app.command("compare", epilog=options.examples("weights compare"))
+def compare(
+    log: options.Log,
+    weights: Annotated[
+        list[str],
+        Argument(metavar="MODEL...", help="ONNX files, or names such as deimv2-femto; see `fbench weights list`."),
+    ],
+    min_score: Annotated[float, Option(metavar="SCORE", help="Rank boxes from this score on.")] = 0.05,
+    settings: options.Settings = None,
+    config: options.Config = None,
+    rig: options.RigFiles = None,
+    decoder: options.Decoders = None,
+    truth: options.TruthFile = None,
+    truth_format: options.TruthFormat = None,
+    truth_frame: options.TruthFrame = "",
+    sensors: options.Sensors = None,
+    from_: options.From = None,
+    to: options.To = None,
+    frames: options.Frames = None,
+    condition: options.Condition = "",
+    seed: options.Seed = 0,
+    out: Annotated[Path, Option("--out", "-o", help="Folder of the runs, weights.json and report.html.")] = Path(
+        "runs/weights"
+    ),
+    overwrite: options.Overwrite = False,
+    json: options.Json = False,
+) -> None:
+    """Compare camera detectors on one log: precision, recall by distance, time by stage, and size."""
+    from fbench.api.detectors import DetectorRequest, compare_detectors, comparison_content, comparison_table
+    from fbench.replay.setup.request import ReplayRequest
+    from fbench.replay.setup.source import LogRequest
+
+    boxes = options.box_source(truth, truth_format, truth_frame)
+    request = ReplayRequest(
+        LogRequest(log, config, rig or (), boxes, decoder=decoder or ()), "camera2d", settings=settings or (),
+        sensors=sensors or (), from_=from_, to=to, frames=frames, condition=condition, seed=seed, out=out,
+        overwrite=overwrite, on_fault="tolerant", no_media=True,
+    )  # fmt: skip
+    what = DetectorRequest(request, weights, min_score)
+    with replay_progress(f"{log.name} → camera2d") as progress:
+        found = compare_detectors(what, progress)
+    if json:
+        print_json({"folder": str(found.folder), **comparison_content(found)})
+        return
+    header, rows = comparison_table(found)
+    for part in (slice(1, 10), slice(10, None)):
+        table = make_table(header[0], *header[part], right=header[3:])
+        for row in rows:
+            table.add_row(row[0], *row[part])
+        console().print(table)
+    say(f"scored: {found.num_frames} frames, {found.matching}; precision and recall from the score with the best F1 on")
+    say(f"comparison: {found.folder}", f"plots: {found.folder / 'report.html'}")
 
 
 def show_weights(catalogue: "Sequence[Entry]", as_json: bool) -> None:

@@ -18,7 +18,7 @@ PERCENTILES: Mapping[str, int | Fraction] = {
 BUDGET_MS = 100.0
 _NS_PER_MS = 1e6
 _WHOLE = "total"
-_ELSEWHERE = "the pipeline ran in another process, or passed on what was computed elsewhere"
+_ELSEWHERE = "the pipeline ran in another process that doesn't tell, or passed on what was computed elsewhere"
 Times = Mapping[str, Mapping[int, int]]
 """Times [ns] by stage, then by frame; `total` is the whole frame."""
 

@@ -149,8 +149,8 @@ def _draw_curves(curves: Sequence[tuple[str, Curve]], figure: "Figure") -> None:
 
 
 def _draw_latency(tables: Sequence[tuple[str, LatencyTable]], figure: "Figure") -> None:
-    """Stack the means of the stages beside the 95th percentile of whole frames and the budgets. Stages that run side
-    by side make the stack longer than a frame.
+    """Stack the means of the stages in front of the mean of whole frames, which is shorter where stages run side by
+    side, and the 95th percentile of whole frames and the budgets.
     """
     axes = figure.add_subplot()
     names = list(dict.fromkeys(stage.stage for _, table in tables for stage in table.stages if stage.stage != "total"))
@@ -159,13 +159,16 @@ def _draw_latency(tables: Sequence[tuple[str, LatencyTable]], figure: "Figure") 
         means = [next((s.mean_ms or 0.0 for s in table.stages if s.stage == name), 0.0) for _, table in tables]
         axes.barh(range(len(tables)), means, 0.6, start, color=_COLORS[number % len(_COLORS)], label=_short(name))
         start = [left + mean for left, mean in zip(start, means, strict=True)]
+    of_frames = [next((s.mean_ms or 0.0 for s in t.stages if s.stage == "total"), 0.0) for _, t in tables]
+    axes.barh(range(len(tables)), of_frames, 0.8, fill=False, edgecolor="k", lw=0.8, label="whole frame, mean")
+    is_parallel = any(stack > 1.01 * whole for stack, whole in zip(start, of_frames, strict=True))
     wholes = [next((s.p95_ms for s in table.stages if s.stage == "total"), None) for _, table in tables]
     known = [(p95, at) for at, p95 in enumerate(wholes) if p95 is not None]
     axes.plot([p95 for p95, _ in known], [at for _, at in known], "k|", ms=10, label="whole frame, p95")
     for budget_ms in dict.fromkeys(table.budget_ms for _, table in tables):
         axes.axvline(budget_ms, color="k", ls=":", lw=1, label=f"budget {budget_ms:g} ms")
     axes.set_yticks(range(len(tables)), [label for label, _ in tables])
-    axes.set(xlabel="Mean time, ms", xlim=(0, None))
+    axes.set(xlabel=f"Mean time, ms{'; stages run side by side' if is_parallel else ''}", xlim=(0, None))
     axes.invert_yaxis()
     figure.legend(loc="outside lower center", ncols=3)
 

@@ -19,7 +19,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 LONGEST = (
     "test_docs.py", "test_traffic_long.py", "test_verify.py", "test_every_pipeline_on_recordings.py",
     "test_city_recording.py", "test_city_cli.py", "test_environment.py", "test_every_pipeline.py", "test_bench.py",
-    "test_interrupt.py", "test_demo.py", "test_hostile.py",
+    "test_interrupt.py", "test_demo.py", "test_hostile.py", "test_isolate.py", "test_truth_clock.py", "test_cpp.py",
+    "test_two_processes.py", "test_browser.py",
 )  # fmt: skip
 """Files that take more than half a minute. They come first, or else one processor would end with them alone."""
 

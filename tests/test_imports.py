@@ -1,6 +1,7 @@
 """The house: who may import whom, what a wheel holds, and what `--help` costs."""
 
 import ast
+import importlib
 import subprocess
 import sys
 import zipfile
@@ -139,6 +140,24 @@ def test_log_info_on_mcap_loads_no_tables_kernels_or_models(tmp_path):
     loaded = loaded_by("log", "info", str(tmp_path / "city.mcap"))
     assert "mcap" in loaded
     assert not {"numba", "cv2", "pyarrow", "onnxruntime", "pandas", "plotly", "jinja2", "sklearn"} & loaded
+
+
+def test_scoring_files_loads_what_it_needs(tmp_path):
+    for name in ("truth.txt", "found.txt"):
+        (tmp_path / name).write_text("0 1 Car 0 0 0 10 20 60 80 1.5 1.6 4 1 2 10 0 0.9\n")
+    files = ("--truth", str(tmp_path / "truth.txt"), "--detections", str(tmp_path / "found.txt"))
+    loaded = loaded_by("score", *files, "--profile", "trackeval-kitti")
+    assert "fbench.metrics.profiles.trackeval.profiles" in loaded
+    heavy = {"pandas", "scipy.spatial", "scipy.special", "cv2", "onnxruntime", "plotly", "jinja2", "sklearn"}
+    assert not (heavy | {"fbench.api.suites.bench", "fbench.replay.conditions.disturb"}) & loaded
+
+
+def test_the_api_has_what_it_names():
+    api = importlib.import_module("fbench.api")
+    assert [getattr(api, name).__name__ for name in api.__all__] == api.__all__
+    assert set(api.__all__) <= set(dir(api))
+    with pytest.raises(AttributeError, match="no attribute 'replya'"):
+        api.replya  # noqa: B018
 
 
 @pytest.mark.slow

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from fbench.replay.contracts.errors import ConfigError, did_you_mean, require_printable
+from fbench.replay.contracts.errors import ConfigError, did_you_mean, require_printable, require_whole
 from fbench.replay.contracts.variants import read_config
 from fbench.replay.formats.documents import TomlError, find_line, parse_toml
 
@@ -85,7 +85,7 @@ class ScoringTable(_Strict):
 class SuiteFile(_Strict):
     """A whole suite file."""
 
-    version: Literal[1]
+    version: Annotated[Literal[1], BeforeValidator(require_whole)]
     title: Annotated[str, Field(max_length=200), AfterValidator(require_printable)] = ""
     logs: Annotated[list[LogTable | Text], Field(min_length=1)]
     pipelines: (

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from glob import glob, has_magic
 from itertools import product
@@ -16,20 +17,23 @@ from fbench.api.suites.store import find_logs, is_url, log_place
 from fbench.api.suites.suite import LOGS, Suite, SuiteLog, SuitePipeline
 from fbench.metrics.profiles.choose import choose_profile
 from fbench.replay.conditions.spec import CLEAR, has_strength, parse_conditions
-from fbench.replay.contracts.errors import ConfigError, FbenchError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError, did_you_mean
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.data.files import file_name
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.service_queue import PROFILE, make_latency
+from fbench.replay.logs.open import open_container
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.setup.request import ReplayRequest
-from fbench.replay.setup.source import NO_CONFIG, LogRequest
+from fbench.replay.setup.source import NO_CONFIG, LogRequest, log_source
 
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}")
 _SEVERITY = "3"
+_NO_LOG = "LOG001"
 _OPTION = re.compile(r"(?:--([a-z-]+) )?(.*)", re.DOTALL)  # What an error of the command line begins with
 
 
@@ -87,6 +91,7 @@ def make_suite(text: SuiteText, beside: Path, out: Path) -> Suite:
             checked.append(one)
             with _Place(text, log.place):
                 replace(options, log=log.request).resolve()
+    _require_regions(text, logs)
     return suite
 
 
@@ -154,10 +159,12 @@ def _open_recorded(text: SuiteText, place: Place, table: LogTable, beside: Path)
     files += [(("rig", at), file) for at, file in enumerate(table.rig)]
     for own, file in files:
         if file is not None:
-            _require_there(text, (*place, *own), beside / file, f"no such file: {file}")
+            _require_file(text, (*place, *own), beside / file, file)
     config = None if table.config is None else NO_CONFIG if table.config == NO_CONFIG else str(beside / table.config)
     rig = [beside / file for file in table.rig]
     for path, url in zip(paths, urls or [""] * len(paths), strict=True):
+        if not url:
+            _require_log(text, where, path)
         name = file_name(path.stem).strip("_.-") if table.name is None else table.name
         request = LogRequest(path, NO_CONFIG if url else config, rig, truth, topics=text.file.replay.topics)
         yield SuiteLog(name, request, url)
@@ -174,14 +181,50 @@ def _open_truth(text: SuiteText, place: Place, table: LogTable, beside: Path) ->
             raise text.error(where, f"'{table.truth_format}' isn't a format{did_you_mean(table.truth_format, FORMATS)}")
     if table.truth is None:
         return None
-    _require_there(text, (*place, "truth"), beside / table.truth, f"no such file: {table.truth}")
-    return BoxSource(beside / table.truth, table.truth_format)
+    from fbench.replay.formats.open import form_of
+
+    source = BoxSource(beside / table.truth, table.truth_format)
+    _require_there(text, (*place, "truth"), source.path, f"no such file: {table.truth}")
+    with _Place(text, (*place, "truth")):
+        form_of(source)
+    return source
 
 
 def _require_there(text: SuiteText, place: Place, path: Path, what: str) -> None:
     with _Place(text, place):
         if not path.exists():
             raise ConfigError(what)
+
+
+def _require_file(text: SuiteText, place: Place, path: Path, name: str) -> None:
+    _require_there(text, place, path, f"no such file: {name}")
+    if not path.is_file():  # a FIFO would block
+        raise text.error(place, f"not a file: {name}")
+
+
+def _require_log(text: SuiteText, place: Place, path: Path) -> None:
+    """Refuse what is no log at all; one that is damaged fails as a cell, so that the others run."""
+    with _Place(text, place):
+        try:
+            open_container(path, FaultLog())
+        except LogError as error:
+            if error.code == _NO_LOG:
+                raise
+
+
+def _require_regions(text: SuiteText, logs: Sequence[SuiteLog]) -> None:
+    """Refuse kinds of regions that none of the recorded logs has, where all logs are."""
+    kinds = text.file.scoring.regions
+    if not kinds or any(log.url or log.drive for log in logs):
+        return
+    known: dict[str, None] = {}
+    for log in logs:
+        with suppress(LogError):  # of a damaged one the cell will say so
+            regions = log_source(log.request).open(FaultLog()).info.regions
+            known |= dict.fromkeys(region.kind for region in regions)
+    for number, kind in enumerate(kinds):
+        if kind not in known:
+            raise text.error(("scoring", "regions", number), f"no log has a region '{kind}'{did_you_mean(kind, known)}")
 
 
 def _plan_simulated(text: SuiteText, place: Place, table: LogTable, out: Path) -> Iterator[SuiteLog]:

@@ -6,12 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from fbench.metrics.comparison.counts import FrameCounts, Place, count_frames, options_of, require_same_rules
+from fbench.metrics.comparison.counts import CRITICAL, FrameCounts, Place, count_frames, options_of, require_same_rules
 from fbench.metrics.comparison.pairing import require_common_instants, require_comparable
 from fbench.metrics.core.bootstrap import LEAST_UNITS
 from fbench.metrics.runs.scoring import Pieces, cut_run
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Int64
+from fbench.replay.data.comparison import ComparedCell
 from fbench.replay.data.metadata import SCENE_ID
 from fbench.replay.data.scores import Score
 from fbench.replay.runs.digest import START, digest, link
@@ -131,14 +132,23 @@ class CellPair:
         return is_same and values[0] == values[1]
 
     @property
+    def entry(self) -> ComparedCell:
+        """What the comparison says of it."""
+        return ComparedCell(str(self.name), self.name.pipeline, self.name.condition)
+
+    @property
     def scene(self) -> str:
         """What the log shows: cells of one scene aren't independent."""
         entry = self.base.manifest.log
         return entry.metadata.get(SCENE_ID) or entry.log_id or entry.digest
 
     def counts(self, place: Place) -> tuple[Int64, Int64] | None:
-        """Return counts (U, K) of both sides by stretch; `None` where neither has any, or they are cut differently."""
+        """Return counts (U, K) of both sides by stretch; `None` where neither has any, or they are cut differently, or
+        one counts nothing of this kind, as old baselines of what is critical.
+        """
         sides = [side.stretches for side in (self.base, self.head)]
+        if place[0] in CRITICAL and any(all(own[0] != place[0] for own in side.counts) for side in sides):
+            return None
         held = [side.counts.get(place) for side in sides]
         if all(own is None for own in held) or len(sides[0].digests) != len(sides[1].digests):
             return None

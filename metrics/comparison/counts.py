@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fbench.metrics.core.slices import VEHICLE, VISIBILITY_SLICES, Group, Part, by_seen, find_labels, label_group
+from fbench.metrics.criticality.metric import count_by_frame
 from fbench.metrics.detection.outcomes import Candidates, Judgement, Outcome, compare_class, judge_detections
 from fbench.metrics.runs.columns import View
 from fbench.metrics.runs.detection import parts_of
@@ -19,12 +20,14 @@ from fbench.metrics.tracking.scores import follow_tracks, require_unique_ids
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import LABELS
+from fbench.replay.data.criticality import Side
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
 
 DETECTION = ("tp", "fp", "fn")
 TRACKING = ("tp", "fp", "fn", "idsw", "idtp")
-Place = tuple[str, str, str, str]  # `detection` or `tracking`, class, slice, matching
+CRITICAL: Mapping[str, Side] = {"critical detection": "detections", "critical tracking": "tracks"}
+Place = tuple[str, str, str, str]  # A key of `RATIOS`, class, slice, matching
 
 
 def _ratio(top: Float64, bottom: Float64) -> Float64:
@@ -56,14 +59,33 @@ def _idf1(n: Float64) -> Float64:
     return _ratio(2 * n[..., 4], 2 * n[..., 0] + n[..., 1] + n[..., 2])
 
 
-def _switches(n: Float64) -> Float64:
-    return np.asarray(n[..., 3], np.float64)
+def _count(column: int) -> Callable[[Float64], Float64]:
+    return lambda n: np.asarray(n[..., column], np.float64)
 
 
-RATIOS = {
+def _weighted_recall(n: Float64) -> Float64:
+    return _ratio(n[..., 2], n[..., 3])
+
+
+def _weighted_f1(n: Float64) -> Float64:
+    return _ratio(2 * n[..., 2], n[..., 2] + n[..., 3] + n[..., 4])
+
+
+def _weighted_mota(n: Float64) -> Float64:
+    return _ratio(n[..., 2] - n[..., 4] - n[..., 5], n[..., 3])
+
+
+RATIOS: Mapping[str, Mapping[str, Callable[[Float64], Float64]]] = {
     "detection": {"f1": _f1, "precision": _precision, "recall": _recall},
-    "tracking": {"mota": _mota, "mota_no_fp": _mota_no_fp, "idf1": _idf1, "idsw": _switches},
-}
+    "tracking": {"mota": _mota, "mota_no_fp": _mota_no_fp, "idf1": _idf1, "idsw": _count(3)},
+    "critical detection": {
+        "critical_misses": _count(0), "critical_false_alarms": _count(1), "weighted_recall": _weighted_recall,
+        "weighted_f1": _weighted_f1,
+    },
+    "critical tracking": {
+        "critical_untracked": _count(0), "critical_false_tracks": _count(1), "weighted_mota": _weighted_mota,
+    },
+}  # fmt: skip
 """Metrics that are functions of counts (..., K), by what is counted. The identity of IDF1 is that of the whole log."""
 
 
@@ -73,7 +95,7 @@ class FrameCounts:
 
     stamp_ns: Int64  # (F,)
     segment: Int64  # (F,)
-    counts: Mapping[Place, Int64]  # (F, 3) `DETECTION` or (F, 5) `TRACKING`
+    counts: Mapping[Place, Int64]  # (F, 3) `DETECTION`, (F, 5) `TRACKING` or (F, 6) `STEP_COUNTS`
 
     @cached_property
     def totals(self) -> dict[tuple[str, str, str, str], float | None]:
@@ -106,6 +128,11 @@ def count_frames(run: Run, options: ScoreOptions) -> FrameCounts:
     for view, group, part in _tracks(shared, options):
         place = ("tracking", group.name, "all" if part is None else part.name, view.key.matching)
         found[place] = _count_tracks(view, group, part, frames)
+    for what, side in CRITICAL.items():
+        for key, counts, own in count_by_frame(shared, options, side):
+            place = (what, key.class_, key.slice, key.matching)
+            found[place] = np.zeros((len(frames), counts.shape[1]), np.int64)
+            np.add.at(found[place], np.searchsorted(frames, own), counts)
     stamps, segments = (np.array([getattr(f, name) for f in labeled], np.int64) for name in ("stamp_ns", "segment"))
     return FrameCounts(stamps, segments, found)
 
@@ -174,6 +201,7 @@ def _find_switches(truth_id: Int64, estimate_of: Int64, judged: Judgement, has_i
     return np.sort(rows[1:][changed])
 
 
+_SAME = 1e-6  # Weights are rounded
 _BEV = re.compile(r"bev (?P<distance>[\d.e+-]+) m(?:,|$)")
 _IOU = re.compile(r"iou (?P<iou>[\d.e+-]+)(?:,|$)")
 _RANGE = re.compile(r", within (?P<range>[\d.e+-]+|inf) m")
@@ -206,7 +234,7 @@ def require_same_rules(counts: FrameCounts, scores: Sequence[Score], side: str) 
     for score in scores:
         known = counts.totals.get(score.key)
         # A score without a value lacks what it is counted of, such as ids.
-        if known is not None and score.value is not None and abs(known - score.value) > 1e-9:
+        if known is not None and score.value is not None and abs(known - score.value) > _SAME:
             raise MetricError(
                 f"{side}: {score.metric} of {score.class_} ({score.slice}) is {score.value} in scores.json, but this "
                 f"version of fbench measures {known}; other versions of metrics can't be compared: run fbench score"

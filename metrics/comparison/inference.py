@@ -1,6 +1,7 @@
 """Paired differences of ratios of counts: intervals, tests, and the smallest difference that the data could show."""
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -30,6 +31,12 @@ class ErrorRates:
     def __post_init__(self) -> None:
         if not (0 < self.alpha < 0.5 and 0 < self.power < 1 and self.num_resamples >= 100 and self.num_flips >= 100):
             raise ConfigError("expected 0 < alpha < 0.5, 0 < power < 1, and at least 100 resamples and flips")
+
+    def least_units(self, num_judged: int) -> int:
+        """Return of how many units on a test could find anything, judged together with `num_judged` in all: swapping U
+        units gives no p value below 2^(1 - U).
+        """
+        return max(LEAST_UNITS, 1 + math.ceil(math.log2(max(num_judged, 1) / self.alpha)))
 
 
 @dataclass(frozen=True)
@@ -97,8 +104,8 @@ class PairedUnits:
     def infer(self, base: Int64, head: Int64, value: Ratio) -> Inference:
         """Compare the values of the counts (U, K) of both sides, summed over units.
 
-        - Interval: percentile bootstrap over units, with the levels widened for few units (Hesterberg 2015, "What
-          Teachers Should Know About the Bootstrap", 5.3: expanded percentiles).
+        - Interval: percentile bootstrap over units, with the levels widened for few units, and for changes that few of
+          them make (Hesterberg 2015, "What Teachers Should Know About the Bootstrap", 5.3: expanded percentiles).
         - p: share of all swaps of base and head within units whose difference is at least as large. Exact where the two
           sides are exchangeable; else right for many units, as the test of signs of a mean.
         """
@@ -119,10 +126,24 @@ class PairedUnits:
         if len(known) < (1 - MOST_UNDEFINED) * len(drawn):
             why = f"undefined in {len(drawn) - len(known)} of {len(drawn)} resamples"
             return Inference(one, two, per_box=per_box, num_units=self.num_units, reason=why)
-        low, high = np.quantile(known, _widen_levels(self.num_units)).tolist()
+        low, high = np.quantile(known, _widen_levels(self._free(base, head, value), self.num_units)).tolist()
         few = float(np.sqrt(self.num_units / (self.num_units - 1)))
         std = float(known.std()) * few
         return Inference(one, two, low, high, self.test(base, head, value), std, per_box, self.num_units)
+
+    def _free(self, base: Int64, head: Int64, value: Ratio) -> float:
+        """Degrees of freedom of the variance of the difference, from the kurtosis of what units have a part in it, by
+        leaving each out: U - 1 where that is normal, and fewer where few units make the change (Satterthwaite 1946).
+        """
+        a, b = (side.astype(np.float64) for side in (base, head))
+        parts = value(b.sum(axis=0) - b) - value(a.sum(axis=0) - a)
+        parts = parts[np.isfinite(parts)]
+        away = (parts - parts.mean()) ** 2
+        num = self.num_units
+        if not away.any():
+            return num - 1.0
+        kurtosis = float((away * away).mean() / away.mean() ** 2)
+        return float(np.clip(2 * num / max(kurtosis - (num - 3) / (num - 1), 1e-9), 2, num - 1))
 
     def test(self, base: Int64, head: Int64, value: Ratio) -> float | None:
         """Return the p value alone, see `infer`; `None` where either side is undefined."""
@@ -146,10 +167,10 @@ def _worth_of_one(total: Float64, value: Ratio) -> float:
     return float(np.nanmax(np.abs(moved - value(total)), initial=0.0))
 
 
-def _widen_levels(num_units: int) -> list[float]:
-    """Levels of the percentiles of a 95 % interval of a mean of few units."""
+def _widen_levels(free: float, num_units: int) -> list[float]:
+    """Levels of the percentiles of a 95 % interval of a mean of few units, whose variance has so many degrees."""
     rest = (1 - Bootstrap().share) / 2
-    wide = np.sqrt(num_units / (num_units - 1)) * special.stdtrit(num_units - 1, rest)
+    wide = np.sqrt(num_units / (num_units - 1)) * special.stdtrit(free, rest)
     level = float(special.ndtr(wide))
     return [level, 1 - level]
 

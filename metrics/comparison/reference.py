@@ -55,7 +55,8 @@ def compare_by_base(pairs: Sequence[CellPair], notes: tuple[str, ...], failures:
     divergences = tuple(found for pair in pairs if (found := find_divergence(pair)) is not None)
     state: State = "failed" if failures else "passed" if divergences else "identical"
     first = tuple(objects[:_MOST_OBJECTS])
-    return Comparison(tuple(rows), 0.0, state, failures, notes, divergences, first, (), without_labels=True)
+    cells = tuple(pair.entry for pair in pairs)
+    return Comparison(tuple(rows), 0.0, state, failures, notes, divergences, first, (), True, cells)
 
 
 def count_agreement(run: Run, other: Run) -> tuple[Int64, Int64]:

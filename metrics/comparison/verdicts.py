@@ -136,16 +136,16 @@ class Judge:
         return paired.infer(*units, metrics_of(place)[key[0]])
 
     def _row(self, n: _Number, p: float | None, num_gating: int) -> Row:
-        verdict, reason = _judge(n, p, self.how)
-        found, gate = n.found, "" if n.rule is None else str(n.rule)
-        smallest = found.smallest(self.how, num_gating if n.rule is not None else 1)
+        found, gate, num = n.found, "" if n.rule is None else str(n.rule), num_gating if n.rule is not None else 1
+        verdict, reason = _judge(n, p, self.how, num)
+        smallest = found.smallest(self.how, num)
         return Row(
             *n.group, *n.key, n.unit, n.base, n.head, n.delta, verdict, gate, reason, found.low, found.high, smallest,
             p, found.num_units, better(n.key[0], n.unit),
         )  # fmt: skip
 
 
-def _judge(n: _Number, p: float | None, how: ErrorRates) -> tuple[Verdict, str]:
+def _judge(n: _Number, p: float | None, how: ErrorRates, num_judged: int) -> tuple[Verdict, str]:
     if n.base is None or n.head is None:
         return _judge_missing(n)
     if n.rule is not None and (out := _out_of_bounds(n.rule, n.head)):
@@ -168,15 +168,22 @@ def _judge(n: _Number, p: float | None, how: ErrorRates) -> tuple[Verdict, str]:
         return ("improved" if gain > 0 else "REGRESSED"), f"p = {p:.2g} after correction"
     if -tolerance - _ROUNDING <= n.found.low and n.found.high <= tolerance + _ROUNDING:
         return "same", "the interval is within the tolerance"
-    return "INCONCLUSIVE", _explain_doubt(n.found.low, n.found.high, tolerance, p, n.found.num_units)
+    return "INCONCLUSIVE", _explain_doubt(n.found.low, n.found.high, tolerance, p, n.found, how, num_judged)
 
 
-def _explain_doubt(low: float, high: float, tolerance: float, p: float, num_units: int) -> str:
-    interval = f"the interval {low:+.3f} to {high:+.3f}"
+def _explain_doubt(
+    low: float, high: float, tolerance: float, p: float, found: Inference, how: ErrorRates, num_judged: int
+) -> str:
+    interval, num = f"the interval {low:+.3f} to {high:+.3f}", found.num_units
+    if num < (least := how.least_units(num_judged)):
+        far = "reaches beyond the tolerance" if low <= tolerance and high >= -tolerance else "is beyond the tolerance"
+        return f"{interval} {far}, but {num} stretches or scenes are too few to show any change; {least} or more can"
+    smallest = found.smallest(how, num_judged)
+    shows = "" if smallest is None else f"; this much data shows changes from {smallest:.3f} on"
     if low <= tolerance and high >= -tolerance:
-        return f"{interval} reaches beyond the tolerance"
-    few = f"{num_units} stretches or scenes are too few to be sure"
-    return f"{interval} is beyond the tolerance, but p = {p:.2g} after correction: {few}"
+        return f"{interval} reaches beyond the tolerance{shows}"
+    few = f"{num} stretches or scenes are too few to be sure"
+    return f"{interval} is beyond the tolerance, but p = {p:.2g} after correction: {few}{shows}"
 
 
 def _judge_missing(n: _Number) -> tuple[Verdict, str]:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.core.slices import VEHICLE, Group, ScoreCounts, find_labels, ground_range, label_group
+from fbench.metrics.core.slices import VEHICLE, Group, ScoreCounts, ScoreKey, find_labels, ground_range, label_group
 from fbench.metrics.criticality.conflict import Conflicts, find_conflicts, read_outline
 from fbench.metrics.criticality.motion import find_ego_motion, move_ego, move_objects
 from fbench.metrics.criticality.scores import (
@@ -18,6 +18,7 @@ from fbench.metrics.criticality.scores import (
     Errors,
     Rule,
     count_errors,
+    count_steps,
     measure_hits,
     number_objects,
     rows_of,
@@ -127,6 +128,25 @@ def _measure(run: Run, options: ScoreOptions, side: Side) -> AbstractSequence[Sc
         return predicted.count(errors, sequence) + measure_hits(*hits)
 
     return measure_classes([view], table, measure, nothing)
+
+
+def count_by_frame(run: Run, options: ScoreOptions, side: Side) -> Iterator[tuple[ScoreKey, Int64, Int64]]:
+    """Yield `STEP_COUNTS` (F, 6) of all vehicles and of each label, as in the rows of `Criticality`, with the indices
+    (F,) of the frames that are labeled in 3D. Nothing of results in images, nor without truth.
+    """
+    table = _table(run, side)
+    if not isinstance(table.boxes, Boxes3D) or (side == "tracks" and not run.manifest.has_tracks):
+        return
+    view = ground_view(run, table, options)
+    if view.key.reason:
+        return
+    sequence, predicted = view.sequence, _predict(run, options, side, view.sequence)
+    met = find_labels(sequence.truth, sequence.estimates) if table.boxes.label is not None else set()
+    steps = sequence.truth.step, sequence.estimates.step
+    for group in (VEHICLE, *(label_group(label) for label in LABELS if label in met)):
+        errors, _ = _judge(run, options, side, view, group)
+        counts = count_steps(errors, steps, len(sequence.steps), predicted.conflicts)
+        yield replace(view.key, class_=group.name), counts, sequence.steps.frame
 
 
 def _table(run: Run, side: Side) -> BoxTable:

@@ -104,6 +104,29 @@ def count_errors(
     )
 
 
+WEIGHT_BITS = 32
+STEP_COUNTS = ("misses", "critical_alarms", "hit_weight", "truth_weight", "alarm_weight", "switch_weight")
+"""What is counted of each step; weights in units of 2^-32, as whole numbers are exact in whatever order they are added.
+"""
+
+
+def count_steps(errors: Errors, at: tuple[Int64, Int64], num: int, conflicts: tuple[Conflicts, Conflicts]) -> Int64:
+    """Count `STEP_COUNTS` (num, 6) of one class in each step; `at` are the steps of all truth and of all estimates."""
+    of_truth, of_alarms = conflicts[0][errors.truth_row], conflicts[1][errors.alarm_row]
+    truth, alarms = at[0][errors.truth_row], at[1][errors.alarm_row]
+    weight, alarm_weight = (
+        np.round(np.where(c.known, c.weight, 0.0) * 2**WEIGHT_BITS).astype(np.int64) for c in (of_truth, of_alarms)
+    )
+    parts = (
+        (truth, of_truth.critical & ~errors.hit), (alarms, of_alarms.critical), (truth, weight * errors.hit),
+        (truth, weight), (alarms, alarm_weight), (truth, weight * errors.switched),
+    )  # fmt: skip
+    counts = np.zeros((num, len(STEP_COUNTS)), np.int64)
+    for column, (step, values) in enumerate(parts):
+        np.add.at(counts[:, column], step, values)
+    return counts
+
+
 def number_objects(objects: Objects, rows: Int64, steps: Steps) -> Int64:
     """Number the objects that rows (K,) belong to from 0 on; a box without an id is one of its own."""
     own = objects[rows]

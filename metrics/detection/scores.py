@@ -6,8 +6,9 @@ from fractions import Fraction
 import numpy as np
 
 from fbench.metrics.core.exact import Counts, exact_sum
-from fbench.metrics.core.slices import Group, ScoreKey
+from fbench.metrics.core.slices import Group, ScoreKey, ground_range
 from fbench.metrics.detection import outcomes
+from fbench.metrics.detection.horizon import RangeCounts
 from fbench.metrics.detection.outcomes import BoxCounts, Outcome
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -121,6 +122,7 @@ class DetectionCounts(Counts):
     ranking: Ranking = field(default_factory=lambda: Ranking.of(np.zeros(0), np.zeros(0, bool), 0))
     distance: Deviation = field(default_factory=Deviation)  # [m]
     range_rate: Deviation = field(default_factory=Deviation)  # [m/s]
+    ranges: RangeCounts = field(default_factory=RangeCounts)
 
 
 def detection_counts(sequence: Sequence, group: Group, match: Match) -> DetectionCounts:
@@ -130,14 +132,16 @@ def detection_counts(sequence: Sequence, group: Group, match: Match) -> Detectio
     score = candidates.estimates.score
     counts = ranked.is_used & np.isfinite(score)
     ranking = Ranking.of(score[counts], ranked.outcome[counts] == Outcome.HIT, len(candidates.truth_row))
+    hit = np.isin(np.arange(len(candidates.truth_row)), found.truth_of_estimate)
+    ranges = RangeCounts.of(ground_range(candidates.truth), hit)
     hits = np.flatnonzero(found.truth_of_estimate >= 0)
     truth, estimates = candidates.truth_row[found.truth_of_estimate[hits]], candidates.estimates[hits]
     if estimates.distance_m is None and estimates.range_rate_mps is None:
-        return DetectionCounts(found.counts, ranking)
+        return DetectionCounts(found.counts, ranking, ranges=ranges)
     distance, rate = sequence.truth.distance_m, range_rates(sequence)
     return DetectionCounts(
         found.counts, ranking, Deviation.of(None if distance is None else distance[truth], estimates.distance_m),
-        Deviation.of(None if rate is None else rate[truth], estimates.range_rate_mps),
+        Deviation.of(None if rate is None else rate[truth], estimates.range_rate_mps), ranges,
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.slices import VEHICLE, ScoreCounts, ScoreKey, add_counts, find_labels, label_group
+from fbench.metrics.detection.horizon import horizon_rows
 from fbench.metrics.detection.scores import DetectionCounts, curve_rows, detection_counts, detection_rows
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
@@ -83,6 +84,7 @@ class DefaultProfile:
             rows += detection_rows(counts.detection, head)
             rows += tracking_rows(counts.tracking, head, "m" if self.match.is_distance else "iou")
             rows += curve_rows(counts.detection, head)
+            rows += horizon_rows(counts.detection.ranges, counts.detection.boxes.gt, head)
         return rows
 
 

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
 from fbench.metrics.core.slices import VEHICLE, ScoreCounts, add_counts
+from fbench.metrics.detection.horizon import HORIZONS
 from fbench.metrics.detection.scores import DetectionCounts
 from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.places import SharedRun
@@ -23,8 +24,8 @@ from fbench.replay.runs.folder import Run
 
 _ORDER = (
     "f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw", "idf1", "hota", "best_f1", "best_f1_threshold",
-    "ap", "deta", "assa", "loca", "idp", "idr", "frag", "mt", "pt", "ml", "occlusion_survival", "distance_error",
-    "range_rate_error",
+    "ap", *HORIZONS, "deta", "assa", "loca", "idp", "idr", "frag", "mt", "pt", "ml", "occlusion_survival",
+    "distance_error", "range_rate_error",
 )  # fmt: skip
 
 
@@ -59,7 +60,7 @@ def _sort_rows(rows: Sequence[Score]) -> list[Score]:
 S = TypeVar("S", bound=Statistics)
 _ALWAYS = ("log", "scenario", "condition")
 _LONGEST_WORD = 40
-RATES = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "distance_error", "range_rate_error")
+RATES = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", *HORIZONS, "distance_error", "range_rate_error")
 """What depends on single steps, or nearly: MOTA also on what came one step before."""
 OF_TRACKS = ("idf1", "idp", "idr", "hota", "deta", "assa", "loca", "occlusion_survival")  # What depends on whole tracks
 

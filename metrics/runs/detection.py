@@ -7,6 +7,7 @@ from dataclasses import replace
 from fbench.metrics.core import slices
 from fbench.metrics.core.slices import VEHICLE, VISIBILITY_SLICES, Part, ScoreCounts
 from fbench.metrics.detection import scores
+from fbench.metrics.detection.horizon import horizon_rows
 from fbench.metrics.detection.outcomes import compare_class, judge_detections
 from fbench.metrics.detection.scores import DetectionCounts
 from fbench.metrics.runs.places import ground_points, has_poses, regions_of
@@ -79,6 +80,7 @@ def rows_of(entry: ScoreCounts[DetectionCounts]) -> list[Score]:
         # A false alarm has no visibility, so neither precision nor F1 means anything there.
         return [row for row in rows if row.metric == "recall" or row.slice not in VISIBILITY_SLICES]
     rows += scores.curve_rows(entry.counts, entry.key)
+    rows += horizon_rows(entry.counts.ranges, entry.counts.boxes.gt, entry.key)
     if entry.key.matching.startswith("iou "):
         rows += scores.deviation_rows(entry.counts, entry.key)
     return rows

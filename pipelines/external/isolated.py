@@ -93,6 +93,10 @@ class Isolated:
         says = self._ask("is_tracker", self._frame_timeout_s)
         return None if says is None else bool(says)
 
+    def cpu_ns(self) -> int | None:
+        """CPU time [ns] of the program so far; `None`: unknown."""
+        return self._session.cpu_ns()
+
     def stderr(self) -> bytes:
         """What the plug-in printed: the first and the last 512 KiB."""
         return self._session.stderr()

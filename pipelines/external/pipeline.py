@@ -113,6 +113,10 @@ class Exec:
         """Name that the program gave itself at the start, and its files, so that two builds of it can be told apart."""
         return self._identity
 
+    def cpu_ns(self) -> int | None:
+        """CPU time [ns] of the program so far; `None`: unknown."""
+        return self._session.cpu_ns()
+
     def stderr(self) -> bytes:
         """What the program wrote to stderr in all its lives: the first and the last 512 KiB."""
         return self._session.stderr()

@@ -36,6 +36,10 @@ class Session:
         """Whether the program was started, and not lost since then."""
         return self._process is not None
 
+    def cpu_ns(self) -> int | None:
+        """CPU time [ns] of the program that runs, see `Process.cpu_ns`; `None`: unknown, or none runs."""
+        return None if self._process is None else self._process.cpu_ns()
+
     def exchange(self, timeout_s: float, frame: Frame | None = None, **small: Any) -> schema.Response:
         """Send the next request, with a frame or what is `small`, and return the response, an error too; starts the
         program first where it isn't running. Raises ConfigError where it can't be executed. Raises RefusedError where

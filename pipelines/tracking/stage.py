@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Generic, Protocol
+from typing import Any, Generic, Protocol, runtime_checkable
 
 from fbench.pipelines.sensors.points.merged import world_T_body
 from fbench.pipelines.tracking.trackers import B, Tracker, Tracker3D
@@ -60,6 +60,14 @@ class Memory(Protocol):
 
     def reset(self) -> None:
         """Forget it."""
+
+
+@runtime_checkable
+class NotesPoses(Protocol):
+    """What needs the poses of all frames in which is detected, also where another process does that."""
+
+    def note_pose(self, frame: Frame) -> None:
+        """Take the pose of a frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +128,29 @@ class TrackingPipeline(ABC, Generic[B]):
 
     def step(self, frame: Frame) -> Output:
         """Detect and track; what a missing sensor would have given isn't there, as with a corrupt image."""
-        pose = world_T_body(self._rig, frame) if isinstance(self._tracker, Tracker3D) else None
+        return self.conclude(frame, self.observe(frame))
+
+    def observe(self, frame: Frame) -> tuple[Any, StageClock] | None:
+        """Detect in one frame, as far as no earlier frame matters but for its poses; `None` where it isn't due."""
         if not self._interval.is_due():
-            return predict_output(lambda: self._tracker.predict(frame.stamp_ns, pose), self.missing)
+            return None
         clock = StageClock()
-        found = self._detect(frame, clock)
+        return self._detect(frame, clock), clock
+
+    def pass_by(self, frame: Frame) -> None:
+        """Count a frame that another process observes, and note its pose."""
+        if self._interval.is_due():
+            for part in self._memories:
+                if isinstance(part, NotesPoses):
+                    part.note_pose(frame)
+
+    def conclude(self, frame: Frame, observed: tuple[Any, StageClock] | None) -> Output:
+        """Do what depends on earlier frames: fuse, where that learns from them, and track."""
+        pose = world_T_body(self._rig, frame) if isinstance(self._tracker, Tracker3D) else None
+        if observed is None:
+            return predict_output(lambda: self._tracker.predict(frame.stamp_ns, pose), self.missing)
+        seen, clock = observed
+        found = self._combine(seen, clock)
         with clock.stage("track"):
             tracks = self._tracker.step(found.boxes, frame.stamp_ns, pose)
         missing = {**self.missing, **found.missing}
@@ -133,4 +159,10 @@ class TrackingPipeline(ABC, Generic[B]):
         )
 
     @abstractmethod
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[B]: ...
+    def _detect(self, frame: Frame, clock: StageClock) -> Any:
+        """Detect in one frame without knowing earlier ones, but for their poses. What it returns can be pickled."""
+
+    def _combine(self, seen: Any, clock: StageClock) -> Detected[B]:
+        """Make detections of what `_detect` returned, which may depend on earlier frames; by default it is them."""
+        found: Detected[B] = seen
+        return found

@@ -122,11 +122,16 @@ class Late2D(FusionPipeline[Boxes2D]):
         """Say where nearly all clusters of LiDAR were rejected."""
         return self._lidar.warnings()
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Any:
         faults = list[Fault]()
-        seen = self._view(frame, clock, faults, self._lidar.view, self._radar.view)
+        return self._view(frame, clock, faults, self._lidar.view, self._radar.view), tuple(faults)
+
+    def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes2D]:
+        (cameras, lidar, radar), faults = seen
+        self._lidar.remember(lidar)
+        self._radar.remember(radar)
         with clock.stage("fuse"):
-            return Detected(self._fusion.merge(*seen), tuple(faults))
+            return Detected(self._fusion.merge(cameras, lidar, radar), faults)
 
 
 @dataclass(frozen=True)
@@ -173,16 +178,19 @@ class OneCloud(FusionPipeline[B]):
         """Those that it uses, and the cameras of a stereo pair, also without weights."""
         return tuple(sorted({*super().required_sensors(), *self._depth.pair}))
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[B]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Any:
         of_images, of_pairs = list[Fault](), list[Fault]()
         find_depth = partial(self._depth.view, faults=of_pairs)
-        cameras, depth, echoes = self._view(frame, clock, of_images, find_depth, self._radar.echoes)
+        views = self._view(frame, clock, of_images, find_depth, self._radar.echoes)
+        return views, tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
+
+    def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[B]:
+        (cameras, depth, echoes), faults = seen
         with clock.stage("fuse"):
-            stage = self._depth
+            stage, depth = self._depth, self._depth.remember(depth)
             cloud = merge_clouds(depth, echoes, self._one_cloud.radar.min_speed_mps, self._echoes)
             scene = Scene(self._rig, cameras, cloud, depth.plane, depth.lidar.tall, stage.eye_m, stage.shapes)
             boxes = self._fuse(scene, depth)
-        faults = tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
         return Detected(boxes, faults, dict.fromkeys(depth.noisy, NOISE))
 
     @abstractmethod
@@ -282,8 +290,12 @@ class Late3D(FusionPipeline[Boxes3D]):
         """Say where nearly all clusters of LiDAR were rejected."""
         return self._lidar.warnings()
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Any:
         faults = list[Fault]()
-        seen = self._view(frame, clock, faults, self._lidar.view, self._radar.view)
+        return self._view(frame, clock, faults, self._lidar.view, self._radar.view), tuple(faults)
+
+    def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes3D]:
+        (cameras, lidar, radar), faults = seen
         with clock.stage("fuse"):
-            return Detected(self._fusion.step(SensorViews(self._rig, *seen)), tuple(faults))
+            views = SensorViews(self._rig, cameras, self._lidar.remember(lidar), radar)
+            return Detected(self._fusion.step(views), faults)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevDetector, BevParams
-from fbench.pipelines.sensors.bev.stage import KINDS, BevStage
+from fbench.pipelines.sensors.bev.stage import KINDS, BevStage, BevView
 from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.pipelines.tracking.params import Tracker3DParams, steady_tracking
@@ -57,7 +57,10 @@ class Learned3D(TrackingPipeline[Boxes3D]):
         self._remember(self._stage)
         super().start(rig, log_info)
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
-        boxes = self._stage.view(frame, clock)
+    def _detect(self, frame: Frame, clock: StageClock) -> BevView:
+        return self._stage.view(frame, clock)
+
+    def _combine(self, seen: BevView, clock: StageClock) -> Detected[Boxes3D]:
+        boxes = self._stage.detect(seen, clock)
         sources = np.full(len(boxes), int(_SOURCES[self._params.network.sensors]), np.uint8)
         return Detected(Boxes3D(**{**boxes.arrays(), "sources": sources}))

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.image.params import LidarImageParams
-from fbench.pipelines.sensors.image.stage import LidarInImages, drop_labels, projectable
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
+from fbench.pipelines.sensors.image.stage import InImages, LidarInImages, drop_labels, projectable
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, LidarView
 from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
@@ -68,8 +68,12 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
         """Say where nearly all clusters were rejected."""
         return self._lidar.warnings()
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
-        return Detected(drop_labels(self._lidar.view(frame, clock).seen, self._params.min_score))
+    def _detect(self, frame: Frame, clock: StageClock) -> InImages:
+        return self._lidar.view(frame, clock)
+
+    def _combine(self, seen: InImages, clock: StageClock) -> Detected[Boxes2D]:
+        self._lidar.remember(seen)
+        return Detected(drop_labels(seen.seen, self._params.min_score))
 
 
 class Lidar3D(TrackingPipeline[Boxes3D]):
@@ -92,6 +96,9 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
         """Say where nearly all clusters were rejected."""
         return self._lidar.warnings()
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
-        boxes = self._lidar.view(frame, clock).boxes
+    def _detect(self, frame: Frame, clock: StageClock) -> LidarView:
+        return self._lidar.view(frame, clock)
+
+    def _combine(self, seen: LidarView, clock: StageClock) -> Detected[Boxes3D]:
+        boxes = self._lidar.remember(seen).boxes
         return Detected(report_boxes(boxes, self._params.min_score, Source.L, self._lidar.labeled))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
-from fbench.pipelines.sensors.image.stage import RadarInImages, drop_labels, projectable
+from fbench.pipelines.sensors.image.stage import InImages, RadarInImages, drop_labels, projectable
 from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.sensors.radar.stage import RadarParams, RadarStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
@@ -69,8 +69,12 @@ class Radar2D(TrackingPipeline[Boxes2D]):
         """Say where echoes were too few to outline anything."""
         return self._radar.warnings()
 
-    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
-        return Detected(drop_labels(self._radar.view(frame, clock).seen, self._params.min_score))
+    def _detect(self, frame: Frame, clock: StageClock) -> InImages:
+        return self._radar.view(frame, clock)
+
+    def _combine(self, seen: InImages, clock: StageClock) -> Detected[Boxes2D]:
+        self._radar.remember(seen)
+        return Detected(drop_labels(seen.seen, self._params.min_score))
 
 
 class Radar3D(TrackingPipeline[Boxes3D]):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fbench.replay.contracts.conditions import NUM_LEVELS, Condition, Part, require_levels
+from fbench.replay.contracts.conditions import NUM_LEVELS, Condition, MakesWeather, Part, require_levels
 from fbench.replay.contracts.errors import ConfigError, did_you_mean, first_wrong
 from fbench.replay.contracts.plugins import entry_points_of, make_condition
 from fbench.replay.data.rig import KINDS
@@ -71,7 +71,7 @@ def _parse(text: str, whole: str) -> Part | None:
 
 def _make(where: str, text: str, strength: str, sensors: str, from_ns: int | None, to_ns: int | None) -> Part | None:
     if from_ns is not None and to_ns is not None and to_ns <= from_ns:
-        raise ConfigError(f"{where}: the window ends at {to_ns / 1e9:g} s, before it begins")
+        raise ConfigError(f"{where}: the window begins at {from_ns / 1e9:g} s, so it can't end at {to_ns / 1e9:g} s")
     if text == CLEAR:
         return None
     name, scope = split_name(text, f"{where}: ")
@@ -81,6 +81,11 @@ def _make(where: str, text: str, strength: str, sensors: str, from_ns: int | Non
     if strength.isascii() and strength.isdecimal():
         strength = str(int(strength))  # random numbers depend on it
     level = make_level(where, name, condition, strength)
+    if level is not None and isinstance(condition, MakesWeather):
+        try:
+            condition.weather(level)
+        except ConfigError as error:
+            raise ConfigError(f"{where}: {error}") from error
     label = Path(name).name if _FILE in name else name  # random numbers don't depend on where a file lies
     return None if level is None else Part(label, condition, strength, level, scope or sensors, from_ns, to_ns)
 

@@ -27,6 +27,7 @@ from fbench.replay.data.messages import Image, PointCloud, RadarScan
 
 RAW = "bgr8"
 """Encoding in which conditions get images."""
+_MAX_NS = 1 << 62
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +113,8 @@ def find_wrong(message: Measurement, result: object) -> str:
         return f"gave a message of '{result.sensor}' for one of '{message.sensor}'"
     if result.log_ns < message.log_ns:
         return f"delivered a message {(message.log_ns - result.log_ns) / 1e6:g} ms before it was recorded"
+    if not max(abs(result.stamp_ns), result.log_ns) < _MAX_NS:
+        return "set a time beyond the year 2116, more than frames can hold"
     if isinstance(result, Image) and isinstance(message, Image) and result.size_wh != message.size_wh:
         return f"gave an image of {result.size_wh} px for one of {message.size_wh}"
     return ""

@@ -44,6 +44,11 @@ class FbenchError(Exception):
         self.code = code
         """Row of the fault table (`replay/contracts/faults.py`), empty where none fits."""
 
+    @property
+    def line(self) -> str:
+        """The message, and the code where there is one."""
+        return f"{self} [{self.code}]" if self.code else str(self)
+
 
 class ConfigError(FbenchError):
     """Usage or configuration: an unknown name, a wrong parameter, an output folder that exists."""
@@ -176,6 +181,13 @@ def require_printable(text: str) -> str:
     if not text.isprintable():
         raise ValueError("has characters that can't be printed")
     return text
+
+
+def require_whole(value: object) -> object:
+    """Return a number of a configuration. Raises ValueError for `true` and `1.0`, which Python takes for 1."""
+    if type(value) is not int:
+        raise ValueError("expected a whole number")
+    return value
 
 
 def wrong_key(error: "ValidationError", table_of: Callable[[list[str]], "type[BaseModel]"], hint: str = "") -> str:

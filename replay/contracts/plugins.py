@@ -11,7 +11,7 @@ import typing
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, is_dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from itertools import takewhile
 from pathlib import Path
 from types import FrameType
@@ -22,7 +22,7 @@ from fbench.replay.contracts.decoders import Decoder
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, RunError, did_you_mean, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.contracts.settings import apply_settings, describe
-from fbench.replay.contracts.variants import SUFFIX, find_variants, variant_of, variant_settings
+from fbench.replay.contracts.variants import SUFFIX, find_installed, find_variants, variant_of, variant_settings
 
 _MAX_CHARS = 60
 
@@ -101,7 +101,7 @@ def entry_points_of(group: Group) -> dict[str, EntryPoint]:
     packages claim one name.
     """
     points: dict[str, EntryPoint] = {}
-    for point in sorted(entry_points(group=f"fbench.{group}"), key=lambda p: (p.name, p.value)):
+    for point in sorted(find_installed(group), key=lambda p: (p.name, p.value)):
         if point.name in points and points[point.name].value != point.value:
             raise ConfigError(f"two {group} are called '{point.name}': {points[point.name].value} and {point.value}")
         points[point.name] = point

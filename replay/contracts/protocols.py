@@ -2,14 +2,16 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 from fbench.replay.contracts.importing import Imported, ImportRequest
 from fbench.replay.data.frames import Fault, Frame, Output
 from fbench.replay.data.messages import Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.data.scores import Score, ScoreOptions
-from fbench.replay.runs.folder import Run
+
+if TYPE_CHECKING:  # reading of runs takes half a second to import, which programs of plug-ins needn't
+    from fbench.replay.runs.folder import Run
 
 
 class Reader(Protocol):
@@ -214,6 +216,31 @@ class SkipsFrames(Protocol):
 
 
 @runtime_checkable
+class Overlaps(Protocol):
+    """A pipeline of which the larger part of the work on a frame needs nothing of earlier frames but their poses, so
+    that several frames can be worked on at the same time (`--overlap`), each in another process.
+
+    `step` must be `conclude(frame, observe(frame))`. In each process every frame comes once, in order: to `observe`, or
+    to `pass_by` where another process observes it. The replay's own process concludes all frames, in order.
+    """
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """As that of `Pipeline`."""
+
+    def reset(self, reason: str) -> None:
+        """As that of `Pipeline`; in other processes than the replay's own also where the first segment begins."""
+
+    def observe(self, frame: Frame) -> object:
+        """Do what needs nothing of earlier frames; what it returns must be what `pickle` can send."""
+
+    def pass_by(self, frame: Frame) -> None:
+        """Take note of a frame that another process observes; it may hold poses only."""
+
+    def conclude(self, frame: Frame, observed: Any) -> Output:
+        """Do the rest, which may depend on what was concluded since the last reset."""
+
+
+@runtime_checkable
 class NeedsSensors(Protocol):
     """A pipeline that says which sensors its results rest on: where hardly any frame has one of them, data was lost."""
 
@@ -257,11 +284,14 @@ class KeepsStderr(Protocol):
     def stderr(self) -> bytes:
         """What it wrote to stderr until now, bounded; may be any bytes."""
 
+    def cpu_ns(self) -> int | None:
+        """CPU time [ns] that the program that runs has used; `None`: unknown, or none runs."""
+
 
 class Metric(Protocol):
     """Scores of one run, computed from its folder alone. Made without arguments."""
 
-    def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
+    def scores(self, run: "Run", options: ScoreOptions) -> Sequence[Score]:
         """Return this metric's rows, the primary one first."""
 
 
@@ -276,5 +306,5 @@ class AddsCounts(Protocol):
 class Report(Protocol):
     """Turns runs and their scores into a file; computes nothing. Made without arguments."""
 
-    def write(self, runs: Sequence[Run], out: Path) -> None:
+    def write(self, runs: "Sequence[Run]", out: Path) -> None:
         """Write the report of these runs to `out`."""

@@ -6,6 +6,7 @@ import types
 import typing
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -152,7 +153,8 @@ def names_file(params: object, path: str, text: str) -> bool:
     return any(isinstance(_parse("", hint, text), Path) for hint in may_be)
 
 
-def _hints(cls: type) -> list[tuple[str, Any]]:
+@lru_cache(64)
+def _hints(cls: type) -> Sequence[tuple[str, Any]]:
     """Names and types of all single parameters of a class, without what precedes them."""
     rows: list[tuple[str, Any]] = []
     for name, hint in typing.get_type_hints(cls).items():

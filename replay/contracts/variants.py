@@ -1,8 +1,10 @@
 """Named variants of pipelines: built-in ones as `GROUP/NAME`, anybody's as `FILE.toml`."""
 
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -177,7 +179,19 @@ def _place(variant: Variant, params: Any, name: str, value: str) -> str:
 
 def _groups() -> dict[str, EntryPoint]:
     """Packages that hold variants, by the name of their group."""
-    return {point.name: point for point in sorted(entry_points(group="fbench.variants"), key=lambda p: p.name)}
+    return {point.name: point for point in sorted(find_installed("variants"), key=lambda p: p.name)}
+
+
+def find_installed(group: str) -> Sequence[EntryPoint]:
+    """Return the entry points of `fbench.GROUP`: those of the first call with `sys.path` as it is now."""
+    return _find_all(tuple(sys.path)).get(f"fbench.{group}", ())
+
+
+@lru_cache(4)
+def _find_all(path: tuple[str, ...]) -> Mapping[str, Sequence[EntryPoint]]:
+    """What is installed, by group: to find out takes some 10 ms, and a command asks a dozen times."""
+    points = entry_points()
+    return {group: tuple(points.select(group=group)) for group in points.groups}
 
 
 def _files(point: EntryPoint) -> dict[str, Traversable]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import is_dataclass
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,19 +27,21 @@ def check_array(owner: str, field: str, value: object, dtype: DTypeLike, shape: 
     between all fields of one object; `sizes` holds those met so far and is extended. Casts that lose nothing are made,
     others refused. Raises DataError naming field, expected and got.
     """
-    array, wanted, known = np.asarray(value), np.dtype(dtype), dict(sizes)
-    is_same = array.dtype.kind == "U" if wanted.kind == "U" else array.dtype == wanted
-    can_cast = wanted.kind != "U" and np.can_cast(array.dtype, wanted, "safe")
-    fits = array.ndim == len(shape) and (is_same or array.size == 0 or can_cast)
+    array, wanted, num_known = np.asarray(value), np.dtype(dtype), len(sizes)
+    is_text = wanted.kind == "U"
+    is_same = array.dtype.kind == "U" if is_text else array.dtype == wanted
+    fits = array.ndim == len(shape)
+    if fits and not is_same:
+        fits = array.size == 0 or (not is_text and np.can_cast(array.dtype, wanted, "safe"))
     if fits:
         for want, have in zip(shape, array.shape, strict=True):
             fixed = sizes.setdefault(want, have) if isinstance(want, str) else want
             fits = fits and fixed == have
     if not fits:
+        known = dict(islice(sizes.items(), num_known))
         expected = f"{wanted.name} ({', '.join(str(known.get(str(s), s)) for s in shape)})"
         raise DataError(f"{owner}.{field}: expected {expected}, got {array.dtype.name} {array.shape}")
-    cast = array if wanted.kind == "U" and array.dtype.kind == "U" else array.astype(wanted, copy=False)
-    view = cast.view()
+    view = (array if is_same else array.astype(wanted, copy=False)).view()
     view.flags.writeable = False
     return view
 

@@ -109,6 +109,15 @@ class WorstFrame:
 
 
 @dataclass(frozen=True)
+class ComparedCell:
+    """A cell that both sides have."""
+
+    name: str  # As changes in it name it
+    pipeline: str
+    condition: str
+
+
+@dataclass(frozen=True)
 class Comparison:
     """A whole comparison; in each list the most important comes first."""
 
@@ -121,6 +130,12 @@ class Comparison:
     objects: tuple[ObjectChange, ...] = ()
     worst: tuple[WorstFrame, ...] = ()
     without_labels: bool = False  # The base stands for truth: nothing is better or worse, only changed
+    cells: tuple[ComparedCell, ...] = ()
+
+    def changes_of(self, row: Row) -> tuple[tuple[Divergence, ...], tuple[ObjectChange, ...]]:
+        """Return first differences and changes of objects in the cells whose number a row is."""
+        own = {cell.name for cell in self.cells if (cell.pipeline, cell.condition) == (row.pipeline, row.condition)}
+        return tuple(d for d in self.divergences if d.cell in own), tuple(o for o in self.objects if o.cell in own)
 
     @property
     def places(self) -> Mapping[str, str]:

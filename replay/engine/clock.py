@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Float64, Int64
 
 MAX_GAP_NS = 2_000_000_000
 
@@ -21,6 +22,9 @@ class Pace:
     p99_late_ms: float | None = None
     """How much later than asked for 99 % of the messages went on at most; `None` where no pace was asked for."""
     max_late_ms: float | None = None
+    drift_ms_per_min: float | None = None
+    """By how much the schedule moved: least lateness in the last third of the time, less that in the first third. What
+    else the machine does only makes messages later, so the least lateness tells. `None`: no pace was asked for."""
 
 
 class Clock:
@@ -38,7 +42,7 @@ class Clock:
         self._rate, self._max_gap_ns, self._now_ns, self._sleep_s = rate, max_gap_ns, now_ns, sleep_s
         self._passed_log_ns, self._passed_wall_ns = 0, 0
         self._start, self._last = (0, 0), (0, 0)  # Log time and wall time
-        self._is_new, self._late_ns = True, array("q")
+        self._is_new, self._late_ns, self._due_ns = True, array("q"), array("q")
 
     def wait_until(self, log_ns: int) -> None:
         """Return when log time `log_ns` has come: at once without a rate, or where the pipeline is too slow."""
@@ -51,6 +55,7 @@ class Clock:
                 self._sleep_s((due_ns - now_ns) / 1e9)
                 now_ns = self._now_ns()
             self._late_ns.append(max(0, now_ns - due_ns))
+            self._due_ns.append(due_ns)
         if not begins:
             self._passed_log_ns += log_ns - self._last[0]
             self._passed_wall_ns += now_ns - self._last[1]
@@ -70,7 +75,18 @@ class Clock:
             return Pace(self._rate, achieved)
         late_ms = np.array(self._late_ns) / 1e6
         p99 = float(np.percentile(late_ms, 99, method="higher"))
-        return Pace(self._rate, achieved, p99, float(late_ms.max()))
+        return Pace(self._rate, achieved, p99, float(late_ms.max()), _drift(np.array(self._due_ns), late_ms))
+
+
+def _drift(due_ns: Int64, late_ms: Float64) -> float | None:
+    """Drift [ms per minute] of messages (N,) by when they were due, ascending; `None`: they span no time."""
+    third_ns = (int(due_ns[-1]) - int(due_ns[0])) / 3
+    if not third_ns:
+        return None
+    first, last = due_ns <= due_ns[0] + third_ns, due_ns >= due_ns[-1] - third_ns
+    ends = [int(np.argmin(np.where(part, late_ms, np.inf))) for part in (first, last)]
+    minutes = (due_ns[ends[1]] - due_ns[ends[0]]) / 60e9
+    return float((late_ms[ends[1]] - late_ms[ends[0]]) / minutes)
 
 
 def make_clock(rate: str, max_gap_ns: int) -> Clock:

@@ -6,7 +6,7 @@ integer arithmetic on the numbers of the file and random bits of Philox, so any 
 """
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
@@ -17,7 +17,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.runs.digest import digest
 from fbench.replay.runs.folder import Run
+from fbench.replay.runs.secrets import clean_mapping
 
 MOST_NS = 86_400 * 10**9
 """A frame takes at most a day of log time, so that instants are whole 64-bit numbers."""
@@ -72,6 +74,8 @@ class LatencyProfile(_Strict):
     log: str  # Name of the log on which it was recorded
     repeats: Annotated[int, Field(ge=1)]
     host: dict[str, Any]  # As in `host.json`
+    parameters: dict[str, str] = Field(default_factory=dict)
+    """Digest of each parameter's value; empty: unknown."""
     stages: Annotated[list[StageModel], Field(min_length=1)]
     residuals_ns: Annotated[list[list[_Residual | None]], Field(min_length=1)]
     """Of each frame that was measured, a number a stage; null where the stage didn't run."""
@@ -122,8 +126,8 @@ class LatencyProfile(_Strict):
                 total_ns += model.predict_ns(content) + (residual or 0)
         return min(max(total_ns, 0), MOST_NS)
 
-    def draw_run_ns(self, seed: int, run: Run) -> list[int]:
-        """Return how long each frame of a run in lockstep takes [ns], of the wall clock."""
+    def draw_run_ns(self, seed: int, run: Run, log_id: str) -> list[int]:
+        """Return how long each frame of a run of a log in lockstep takes [ns], of the wall clock."""
         stages: dict[int, list[str]] = {}
         for stage, times in run.frame_times.items():
             for frame in times if stage != "total" else ():
@@ -132,13 +136,35 @@ class LatencyProfile(_Strict):
         for record in run.frames:
             content = FrameContent(record.num_points or 0, len(run.detections.at(record.index)), record.num_pixels or 0)
             ran = stages.get(record.index, []) if record.failed is None else None
-            found.append(self.draw_ns(seed, run.manifest.log.log_id, record.index, content, ran))
+            found.append(self.draw_ns(seed, log_id, record.index, content, ran))
         return found
 
     def require_pipeline(self, name: str) -> None:
         """Refuse another pipeline. Raises ConfigError."""
         if name != self.pipeline:
             raise ConfigError(f"--latency profile: was recorded of pipeline '{self.pipeline}', not of '{name}'")
+
+    def require_parameters(self, parameters: Mapping[str, object]) -> None:
+        """Refuse a pipeline with other values of parameters, as far as they are known. Raises ConfigError."""
+        now = digest_parameters(parameters)
+        other = [name for name, value in self.parameters.items() if now.get(name, value) != value]
+        if other:
+            more = f", and {len(other) - 1} more" if len(other) > 1 else ""
+            raise ConfigError(
+                f"--latency profile: was recorded with another value of parameter {other[0]}{more}; record one with "
+                "the same parameters"
+            )
+
+
+def digest_parameters(parameters: Mapping[str, object]) -> dict[str, str]:
+    """Return a digest of each parameter's value. Of a file its content counts, not where it is."""
+
+    def essence(value: object) -> object:
+        if isinstance(value, Mapping):
+            return {name: essence(part) for name, part in sorted(value.items()) if name != "file" or len(value) == 1}
+        return value
+
+    return {name: digest(json.dumps(essence(value))) for name, value in sorted(clean_mapping(parameters).items())}
 
 
 def load_profile(path: Path) -> tuple[LatencyProfile, str]:

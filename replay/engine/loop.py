@@ -25,6 +25,7 @@ from fbench.replay.engine.cleaning import check_faults
 from fbench.replay.engine.frames import FrameStream
 from fbench.replay.engine.latency_profile import FrameContent
 from fbench.replay.engine.missing import MissingSensors
+from fbench.replay.engine.overlap import Overlap
 from fbench.replay.engine.plan import Plan
 from fbench.replay.engine.service_queue import LatencyModel, Service, ServiceQueue
 from fbench.replay.engine.shared import SharedReader
@@ -112,6 +113,9 @@ class _Loop:
     def steps(self, reader: Reader) -> Iterator[None]:
         """Run the pipeline on all frames that it gets and record what it gives, a frame a step."""
         frames = ((frame, self.stream.rig) for frame in self.stream.frames(reader))
+        if self._plan.overlap is not None:
+            yield from self._overlap(self._plan.overlap, frames)
+            return
         if self._plan.latency is None:
             for frame, rig in frames:
                 self._record(frame, rig, self.stepper.step(frame, rig))
@@ -124,6 +128,16 @@ class _Loop:
                 self._num_dropped += 1
                 self.stepper.skip(frame)
             self._record(frame, rig, Step() if service is None else service.result, service)
+            yield
+
+    def _overlap(self, overlap: Overlap, frames: Iterator[tuple[Frame, Rig]]) -> Iterator[None]:
+        """Do the same, where processes observe frames before their turn comes."""
+        used, info, disturbance = None, self._info, self._plan.disturbance
+        if isinstance(self._plan.pipeline, UsesSensors):
+            with guard(f"pipeline '{self._plan.name}' can't say which sensors it uses"):
+                used = frozenset(self._plan.pipeline.used_sensors())
+        for frame, rig, observed in overlap.run(frames, info, lambda rig: disturbance.rig(rig, info.log_id), used):
+            self._record(frame, rig, self.stepper.step(frame, rig, observed))
             yield
 
     def _serve(self, item: tuple[Frame, Rig]) -> tuple[Step, int]:

@@ -10,6 +10,7 @@ from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.overlap import Overlap
 from fbench.replay.engine.service_queue import LatencyModel
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs import manifest
@@ -39,6 +40,7 @@ class Plan:
     clock: Clock = field(default_factory=Clock)
     latency: LatencyModel | None = None
     """How long the pipeline is taken to need, so that it misses frames that come meanwhile; `None`: lockstep."""
+    overlap: Overlap | None = None  # Processes that observe frames; `None`: the pipeline does one after the other
     budget: FaultBudget = field(default_factory=FaultBudget)
     """So much data may be lost without the run being incomplete."""
     redact: bool = False  # Leave out of the run what tells whose log it is; see `redact`

@@ -6,7 +6,6 @@ from collections import deque
 from operator import attrgetter
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
@@ -104,6 +103,8 @@ def _near(pose: Pose, stamp_ns: int) -> Float64:
 
 def pose_between(before: Pose, after: Pose, stamp_ns: int) -> Float64:
     """Seven numbers at a stamp between those of two poses; NaN where they are too far apart."""
+    from scipy.spatial.transform import Rotation, Slerp  # takes a while to import
+
     if after.stamp_ns - before.stamp_ns > MAX_BETWEEN_NS or stamp_ns in (before.stamp_ns, after.stamp_ns):
         return _near(min(before, after, key=lambda p: abs(p.stamp_ns - stamp_ns)), stamp_ns)
     share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)

@@ -5,14 +5,22 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fbench.replay.contracts.errors import INTERRUPTS, LogError, MissingPackageError, RunError, one_line
+from fbench.replay.contracts.errors import (
+    INTERRUPTS,
+    LogError,
+    MissingPackageError,
+    ReportedError,
+    RunError,
+    one_line,
+)
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.params import synchronize_cuda
 from fbench.replay.contracts.plugins import guard
-from fbench.replay.contracts.protocols import KeepsStderr, SkipsFrames
+from fbench.replay.contracts.protocols import KeepsStderr, Overlaps, Pipeline, SkipsFrames
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.engine.cleaning import OutputCheck
+from fbench.replay.engine.overlap import ObservedFrame
 from fbench.replay.engine.plan import Plan
 from fbench.replay.engine.warm_up import WarmUp
 from fbench.replay.runs.secrets import without_secrets
@@ -27,7 +35,7 @@ class Step:
     output: Output | None = None
     failed: str | None = None
     total_ns: int = 0  # Of the wall clock
-    cpu_ns: int | None = None  # Of all threads of this process; `None`: the pipeline runs in another
+    cpu_ns: int | None = None  # Of all threads of the process in which the pipeline runs; `None`: unknown
     compiled: bool = False  # Whether code was compiled or loaded meanwhile
 
 
@@ -65,14 +73,27 @@ class Stepper:
             base = self._plan.variant.base
             raise LogError(f"{error}; {self._plan.name} is a variant of {base}", error.code) from error
 
-    def step(self, frame: Frame, rig: Rig) -> Step:
-        """Run the pipeline on a frame that was measured with a rig. Raises RunError after many failures in a row."""
-        is_here = not isinstance(self._plan.pipeline, KeepsStderr)
-        num_compiled, start, cpu_start = self._warm_up.count(), time.perf_counter_ns(), time.process_time_ns()
-        output, failed = self._run(frame, rig)
+    def step(self, frame: Frame, rig: Rig, observed: ObservedFrame | None = None) -> Step:
+        """Run the pipeline on a frame that was measured with a rig, or conclude what another process `observed` in it.
+        Raises RunError after many failures in a row.
+        """
+        num_compiled, start, cpu_start = self._warm_up.count(), time.perf_counter_ns(), self._cpu_ns()
+        output, failed = self._run(frame, rig, observed)
         synchronize_cuda()
-        total_ns, cpu_ns = time.perf_counter_ns() - start, time.process_time_ns() - cpu_start
-        return Step(output, failed, total_ns, cpu_ns if is_here else None, self._warm_up.count() > num_compiled)
+        total_ns, cpu_end = time.perf_counter_ns() - start, self._cpu_ns()
+        # Less where the program was started again meanwhile, whose clock then began anew.
+        is_known = cpu_start is not None and cpu_end is not None and cpu_end >= cpu_start
+        cpu_ns = (cpu_end or 0) - (cpu_start or 0) if is_known else None
+        compiled = self._warm_up.count() > num_compiled
+        if observed is not None:
+            total_ns, cpu_ns = total_ns + observed.wall_ns, (cpu_ns or 0) + observed.cpu_ns
+            compiled = compiled or observed.compiled
+        return Step(output, failed, total_ns, cpu_ns, compiled)
+
+    def _cpu_ns(self) -> int | None:
+        """CPU time so far of the process that the pipeline runs in."""
+        pipeline = self._plan.pipeline
+        return pipeline.cpu_ns() if isinstance(pipeline, KeepsStderr) else time.process_time_ns()
 
     def skip(self, frame: Frame) -> None:
         """Tell the pipeline of a frame that it doesn't get, if it wants to know."""
@@ -80,7 +101,7 @@ class Stepper:
             with guard(f"pipeline '{self._plan.name}' can't skip frame {frame.index}"):
                 self._plan.pipeline.skip(frame)
 
-    def _run(self, frame: Frame, rig: Rig) -> tuple[Output | None, str | None]:
+    def _run(self, frame: Frame, rig: Rig, observed: ObservedFrame | None) -> tuple[Output | None, str | None]:
         pipeline, changed = self._plan.pipeline, None
         if self.rig is not rig:
             self.rig = rig
@@ -93,7 +114,7 @@ class Stepper:
                 if frame.index:
                     begins = f"replay begins with frame {frame.index}"
                     pipeline.reset(begins if is_first else self._reason(frame.segment))
-            output = self._check(pipeline.step(frame))
+            output = self._check(pipeline.step(frame) if observed is None else _conclude(pipeline, frame, observed))
         except (MissingPackageError, *INTERRUPTS):
             raise
         except BaseException as error:
@@ -110,3 +131,12 @@ class Stepper:
         for fault in output.faults:
             self._faults.add(fault.code, f"frame {frame.index}: {fault.where}")
         return output, None
+
+
+def _conclude(pipeline: Pipeline, frame: Frame, observed: ObservedFrame) -> object:
+    if not isinstance(pipeline, Overlaps):
+        raise TypeError("the pipeline has no frames that overlap")
+    pipeline.pass_by(frame)
+    if observed.failed is not None:
+        raise MissingPackageError(observed.failed) if observed.is_missing else ReportedError(observed.failed)
+    return pipeline.conclude(frame, observed.content)

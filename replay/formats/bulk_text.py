@@ -45,7 +45,7 @@ class PlainText:
         found = self.table.column(column).combine_chunks()
         if not pa.types.is_floating(found.type) or found.null_count:
             raise IrregularError
-        values = np.asarray(found.to_numpy(zero_copy_only=False), np.float64)
+        values = np.asarray(np.from_dlpack(found), np.float64)  # `to_numpy` imports pandas
         if not np.isfinite(values).all():
             raise IrregularError
         return values
@@ -66,7 +66,7 @@ class PlainText:
         words = coded.dictionary.to_pylist()
         if any(len(word) > MAX_TEXT for word in words):
             raise IrregularError
-        return np.array(words, np.str_), np.asarray(coded.indices.to_numpy(zero_copy_only=False), np.int64)
+        return np.array(words, np.str_), np.asarray(np.from_dlpack(coded.indices), np.int64)
 
 
 def read_bytes(path: Path) -> bytes:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
@@ -283,6 +282,8 @@ def _scores(boxes: Boxes3D) -> Float64:
 def _results(
     token: str, boxes: Boxes3D, names: Sequence[str], world_T_body: Float64, is_tracking: bool
 ) -> list[dict[str, Any]]:
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     velocity_mps = np.full((len(boxes), 3), np.nan)  # Over ground, in the axes of the world
     if boxes.velocity_mps is not None:
         turn = world_T_body.copy()

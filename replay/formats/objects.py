@@ -6,7 +6,6 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError, DecodeError, LimitError, LogError, did_you_mean
 from fbench.replay.data.arrays import Array, Float64, text_array
@@ -213,6 +212,8 @@ def to_columns(steps: Sequence[int], rows: Sequence[LabeledObject]) -> Columns:
 
 def angles(x: float, y: float, z: float, w: float, where: str) -> Triple:
     """Return yaw, pitch, roll [rad] of a quaternion, R = Rz(yaw) Ry(pitch) Rx(roll); NaN: not finite, LogError: 0."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     xyzw = np.array([x, y, z, w])
     if not np.isfinite(xyzw).all():
         return np.nan, np.nan, np.nan

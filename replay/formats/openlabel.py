@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
@@ -113,6 +112,8 @@ class CoordinateSystems:
 
 def _matrix(value: object, where: str) -> Float64:
     """A transform: 16 numbers (rows), or x, y, z, w, or angles about x, y, z, R = Rz Ry Rx if no `sequence` differs."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     given = mapping(value, where)
     if "matrix4x4" in given:
         matrix = np.array(vector(given["matrix4x4"], (16,), f"{where}: matrix4x4")).reshape(4, 4)

@@ -12,7 +12,6 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.arrays import Float64
@@ -108,6 +107,8 @@ def _describe_first(error: ValidationError) -> str:
 
 
 def _edge(where: str, table: PoseTable) -> Edge:
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     given = [name for name in _ROTATIONS if getattr(table, name) is not None]
     if len(given) != 1:
         what = " and ".join(given) if given else "none"

@@ -11,7 +11,6 @@ from typing import NoReturn
 from xml.parsers import expat
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.formats.calibration_values import INVALID, MALFORMED, format_value, numbers, require_tree
@@ -27,6 +26,8 @@ _XACRO = "holds xacro macros; run `xacro FILE > rig.urdf` first, and name that f
 
 def read_urdf(path: Path, content: bytes) -> RigPatch:
     """Return the pose of each link held by a fixed joint, and which joints move. ConfigError names a wrong joint."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     robot = _Robot(path)
     robot.parse(content)
     edges: dict[str, Edge] = {}

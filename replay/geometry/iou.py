@@ -4,7 +4,6 @@ from collections.abc import Sized
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes3D
@@ -61,6 +60,8 @@ def move_boxes(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
     """Move boxes from coordinate frame `src` to `dst`: centers, rotations and velocities (4, 4). A box that stands on
     end in `dst` has no unique yaw; it gets the one with roll 0.
     """
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     zeros = np.zeros(len(boxes))
     angles = np.stack([boxes.yaw_rad, *(zeros if a is None else a for a in (boxes.pitch_rad, boxes.roll_rad))], axis=1)
     sane = np.isfinite(angles).all(axis=1)

@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.data.arrays import Array, Float64
 
@@ -11,6 +10,8 @@ _MANY = 2000  # From so many points on a compiled loop is used: it takes a fifth
 
 def pose_matrix(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:
     """Return `dst_T_src` (4, 4) of a position (3,) and quaternion (4,): the one function for stored rotations."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(np.asarray(rotation_xyzw, np.float64)).as_matrix()
     matrix[:3, 3] = translation_m
@@ -19,6 +20,8 @@ def pose_matrix(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:
 
 def pose_matrices(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:
     """Return `dst_T_src` (N, 4, 4) from positions (N, 3) and quaternions (N, 4), each as `pose_matrix` does."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     xyzw = np.asarray(rotation_xyzw, np.float64).reshape(-1, 4)
     matrices = np.tile(np.eye(4), (len(xyzw), 1, 1))
     if len(xyzw):
@@ -29,6 +32,8 @@ def pose_matrices(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64
 
 def quaternion(rotation: ArrayLike) -> Float64:
     """Return the quaternion x, y, z, w of a rotation matrix (3, 3), with w not negative."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     xyzw = Rotation.from_matrix(np.asarray(rotation, np.float64)).as_quat(canonical=True)
     return np.asarray(xyzw, np.float64)
 
@@ -66,12 +71,16 @@ def chain(a_T_b: Float64, b_T_c: Float64) -> Float64:
 
 def yaw_pitch_roll(rotation_xyzw: ArrayLike) -> tuple[float, float, float]:
     """Return yaw, pitch, roll [rad] with R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     yaw, pitch, roll = Rotation.from_quat(np.asarray(rotation_xyzw, np.float64)).as_euler("ZYX")
     return float(yaw), float(pitch), float(roll)
 
 
 def extrapolate(world_T_a: Float64, world_T_b: Float64, share: float) -> Float64:
     """Continue the motion from pose `a` to pose `b` (4, 4) by `share` of it, at constant speed and turn rate."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     a_T_b = inverse(world_T_a) @ world_T_b
     step = np.eye(4)
     step[:3, :3] = Rotation.from_rotvec(Rotation.from_matrix(a_T_b[:3, :3]).as_rotvec() * share).as_matrix()

@@ -1,7 +1,9 @@
 """The manifest of a run. Equal inputs give equal bytes; data of the host live apart."""
 
 import platform
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -272,6 +274,11 @@ _PACKAGES = (
 
 def package_versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide results."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> Mapping[str, str]:
     versions = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:

@@ -19,6 +19,7 @@ from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.excerpt import Excerpt, make_excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.overlap import make_overlap
 from fbench.replay.engine.read_ahead import make_limit
 from fbench.replay.engine.service_queue import PROFILE, LatencyModel, make_latency
 from fbench.replay.logs.setup import BoxSource, StampParams
@@ -90,6 +91,8 @@ class ReplayRequest:
     """A frame that takes longer misses its deadline; the run's table of latency counts them."""
     rate: str = "max"
     """Pace: `max`, or a multiple of real time such as `0.5`; with latency, how fast log time passes meanwhile."""
+    overlap: int = 1
+    """So many processes work on frames at the same time, where the pipeline allows that; 1: one frame after another."""
     read_ahead: str = "auto"
     """Messages to decode in advance: a number, `all` or `auto`."""
     on_fault: str = "strict"
@@ -140,6 +143,8 @@ class ReplayRequest:
             raise ConfigError(f"--frame-timeout-s {self.frame_timeout_s:g}: expected more than 0")
         if not 0 < self.budget_ms < float("inf"):
             raise ConfigError(f"--budget-ms {self.budget_ms:g}: expected more than 0")
+        if make_overlap(self.overlap) > 1 and (self.latency is not None or self.rate != "max" or self.isolate):
+            raise ConfigError(f"--overlap {self.overlap}: can't be used with --latency, --rate or --isolate")
         if self.detect_every is not None:
             if not self.isolate and _DETECT_EVERY not in pipeline_parameters(self.pipeline, []):
                 raise ConfigError(

@@ -55,8 +55,9 @@ def _details(comparison: Comparison, row: Row) -> str:
     if row.low is not None and row.high is not None:
         lines.append(f"95 % interval of the change: {row.low:+.4f} to {row.high:+.4f} ({row.num_units} units)")
     places = comparison.places
-    lines += [f"first difference: {places[found.cell]}{found}" for found in comparison.divergences[:3]]
-    return "\n".join([*lines, *(f"{places[change.cell]}{change}" for change in comparison.objects[:10])])
+    divergences, objects = comparison.changes_of(row)
+    lines += [f"first difference: {places[found.cell]}{found}" for found in divergences[:3]]
+    return "\n".join([*lines, *(f"{places[change.cell]}{change}" for change in objects[:10])])
 
 
 def _clean(text: str) -> str:

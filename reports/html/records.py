@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from importlib.resources import files
 from typing import Any, TypeVar
 
@@ -144,6 +144,7 @@ def resource(package: str, name: str) -> str:
     return files(package).joinpath(name).read_text("utf-8")
 
 
+@cache
 def environment(package: str) -> jinja2.Environment:
     """Templates of a package; they make text visible, then escape it."""
 

@@ -177,6 +177,8 @@ def test_inconclusive_passes_or_fails_as_the_policy_says(runs: Path) -> None:
         (GATE + 'slice = "\\u0000"\n', "gate.toml:4: 'gate.0.slice': has characters that"),
         ("version = 1\n[[budget]]\nfailed_frames = 0\n", "gate.toml:2: 'budget'"),
         ("version = \n", "not TOML"),
+        ("alpha = 0.1\nversion = true\n", "gate.toml:2: 'version': expected a whole number"),
+        ("version = 1.0\n", "gate.toml:1: 'version': expected a whole number"),
     ],
 )  # fmt: skip
 def test_broken_policies_are_refused_with_file_line_and_key(tmp_path: Path, text: str, said: str) -> None:
@@ -249,3 +251,11 @@ def test_what_is_no_baseline_is_refused(tmp_path: Path, text: str) -> None:
 def test_a_baseline_needs_a_reason(runs: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="say why"):
         accept(runs / "base", "  ", tmp_path / "b.json", "Ada", "2026")
+
+
+def test_a_large_loss_in_too_little_log_says_how_much_more_is_needed(tmp_path: Path) -> None:
+    write_drive(tmp_path / "base", seconds=6)
+    write_drive(tmp_path / "worse", {(i, n) for i in range(60) for n in (0, 1)}, seconds=6)
+    found = compare(tmp_path / "base", tmp_path / "worse", "")
+    assert (found.state, row(found, "f1").verdict) == ("inconclusive", "INCONCLUSIVE")
+    assert "6 stretches or scenes are too few to show any change; 7 or more can" in row(found, "f1").reason

@@ -96,7 +96,7 @@ def in_this_process(monkeypatch):
                     run(task)
                 except FbenchError as error:
                     self.returncode = error.exit_code
-                    return f"{error}\n", ""
+                    return f"{error.line}\n", ""
             self.returncode = 0
             return "", ""
 
@@ -163,7 +163,15 @@ def write_log(path: Path, items, log_rig=None, metadata=None) -> Path:
     return path
 
 
+@pytest.fixture(scope="session")
+def car_log(tmp_path_factory):
+    """Content of the log of `log`."""
+    return write_log(tmp_path_factory.mktemp("car") / "car.mcap", [*messages(), *truths()]).read_bytes()
+
+
 @pytest.fixture
-def log(tmp_path):
+def log(tmp_path, car_log):
     """Six frames of camera, LiDAR, radar and truth: a car drives away at 10 m/s."""
-    return write_log(tmp_path / "car.mcap", [*messages(), *truths()])
+    path = tmp_path / "car.mcap"
+    path.write_bytes(car_log)
+    return path

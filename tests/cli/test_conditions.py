@@ -70,6 +70,9 @@ def plugin(tmp_path):
         ("loss:3@9s-", 2, "the window begins after the log, which lasts 0.502 s"),
         ("loss.lidar_top:3", 2, "the log has no such sensor; it has: camera, lidar, radar"),
         ("loss:25mmh", 2, "or a value such as 20%"),
+        ("rain:9999mmh", 2, "--condition rain:9999mmh: Weather.rain_mm_h: expected 0 to 300"),
+        ("radar.resolution:0m", 2, "condition 'radar.resolution': expected cells above 0 m"),
+        ("clock_jump:99999999999s", 3, "condition 'clock_jump' set a time beyond the year 2116"),
         ("none.toml", 2, "none.toml: no such file"),
         ("mine.py:Nothing", 2, "has no class 'Nothing'"),
         ("mine.py:Writes", 3, "condition 'mine.py:Writes' failed: ValueError: assignment destination is read-only"),
@@ -85,6 +88,13 @@ def test_bad_input_is_one_line(fbench, log, plugin, tmp_path, command, condition
     assert words in result.err
     assert len(result.err.strip().splitlines()) == 1
     assert {p.name for p in tmp_path.iterdir()} <= {"car.mcap", "mine.py", "__pycache__"}
+
+
+def test_verify_says_what_replay_says_of_a_condition_that_fails(fbench, log, plugin):
+    options = (log, "-p", "lidar3d", "--condition", "mine.py:Other")
+    result = fbench("verify", *options)
+    assert (result.code, result.err) == (3, fbench("replay", *options).err)
+    assert result.err.endswith(" [COR001]\n")
 
 
 def test_a_log_without_truth_cant_have_its_objects_disturbed(fbench, tmp_path):

@@ -81,6 +81,15 @@ def test_the_budget_is_kept_when_a_run_is_scored_again(fbench, log):
     assert "--budget-ms 0: expected more than 0" in refused.err
 
 
+def test_a_profile_of_other_parameters_is_refused(fbench, log):
+    assert fbench("profile", log, "-p", "lidar3d", "-o", "p.json", "--repeat", 2).code == 0
+    replay = ("replay", log, "-p", "lidar3d", "--latency", "profile:p.json")
+    assert fbench(*replay, "-o", "same").code == 0
+    refused = fbench(*replay, "--set", "lidar.cluster.eps_m=0.9", "-o", "other")
+    assert refused.code == 2
+    assert "was recorded with another value of parameter lidar.cluster.eps_m; record" in " ".join(refused.err.split())
+
+
 def test_compare_says_that_latencies_are_of_different_machines(fbench, log):
     for name in ("a", "b"):
         assert fbench("replay", log, "-p", "lidar3d", "-o", name, "--no-media").code == 0

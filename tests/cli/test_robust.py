@@ -115,6 +115,23 @@ def test_wrong_options_cost_one_line_and_nothing_runs(fbench, city, arguments, t
     assert not list(Path("suite").rglob("manifest.json")) if Path("suite").exists() else True
 
 
+def test_a_log_that_cannot_be_read_costs_one_line_and_nothing_runs(fbench, city):
+    result = fbench("robust", city, "nowhere.mcap", "-p", "radar3d", "-o", "suite")
+    assert (result.code, result.err.count("\n")) == (3, 1)
+    assert "nowhere.mcap: can't be read (No such file or directory)" in result.err
+    assert not Path("suite").exists()
+
+
+def test_results_name_every_option_that_changes_them(fbench, city):
+    own = ("--condition", "delay.radar:1", "--frames", ":2", "--set", "radar.max_range_m=60", "--all-around")
+    result = fbench("robust", city, "-p", "radar3d", *own, "--range-m", 40, "-o", "suite", "--jobs", 1, "--json")
+    assert result.code == 0, result.err
+    assert dict(result.json()["facts"])["command"] == (
+        "fbench robust city.mcap -p radar3d --condition delay.radar:1 --severity 1-5 --seed 0 "
+        "--set radar.max_range_m=60 --frames :2 --range-m 40.0 --all-around"
+    )
+
+
 def test_settings_go_to_the_pipelines_that_have_them():
     found = fitting_settings(["lidar3d", "radar3d", "late3d"], ["lidar.judge=rules", "camera.weights=none"])
     both = ["lidar.judge=rules", "camera.weights=none"]

@@ -6,12 +6,10 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, chdir, contextmanager
+from contextlib import chdir, contextmanager
 from functools import cache
 from pathlib import Path
-from unittest.mock import patch
 
-import typer
 from mcap.writer import CompressionType
 from tests.cli import conftest as logs
 from tests.hostile.damage import Random, damage, edit_number, edit_text
@@ -20,9 +18,7 @@ from tests.hostile.target import Case, Files, Found, Target
 from tests.replay.logs.other_forms import rewrite
 
 from fbench.cli import main
-from fbench.replay.contracts import plugins, variants
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_NO, EXIT_OK, EXIT_USAGE, DataError
-from fbench.replay.runs import manifest
 
 RUN = "run"
 _LOG_COMMANDS = ("log info", "log check", "init -o out.toml", "log convert -o out.parquet", "log preview -o out")
@@ -71,7 +67,7 @@ def _replay(pipeline: str) -> tuple[str, ...]:
 def call(folder: Path, *args: str) -> tuple[int, str]:
     """Call `fbench ARGS` in a folder; returns its exit code and what it wrote to stderr."""
     code, kept = EXIT_OK, sys.argv
-    with chdir(folder), _find_once(), _output(folder / "stdout", folder / "stderr"):
+    with chdir(folder), _output(folder / "stdout", folder / "stderr"):
         sys.argv = ["fbench", *args]
         try:
             main()
@@ -80,25 +76,6 @@ def call(folder: Path, *args: str) -> tuple[int, str]:
         finally:
             sys.argv = kept
     return code, (folder / "stderr").read_text()
-
-
-_UNCHANGING = (
-    (typer.main, "get_command"),
-    (plugins, "entry_points"),
-    (variants, "entry_points"),
-    (manifest, "version"),
-)
-"""Functions that give the same in each call of a command, and take most of its time: its options, what is installed."""
-_ONCE = [(module, name, cache(getattr(module, name))) for module, name in _UNCHANGING]
-
-
-@contextmanager
-def _find_once() -> Iterator[None]:
-    """Let commands find out but once in this process what doesn't change."""
-    with ExitStack() as stack:
-        for module, name, function in _ONCE:
-            stack.enter_context(patch.object(module, name, function))
-        yield
 
 
 @contextmanager

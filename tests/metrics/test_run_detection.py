@@ -93,6 +93,9 @@ class TestEmpty:
             "best_f1": "no truth boxes",
             "best_f1_threshold": "no truth boxes",
             "ap": "no truth boxes",
+            "horizon_50": "no truth boxes",
+            "horizon_80": "no truth boxes",
+            "horizon_90": "no truth boxes",
         }
 
     def test_estimates_without_truth_boxes_are_false_alarms(self, make_run: MakeRun) -> None:

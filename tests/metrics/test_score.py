@@ -22,8 +22,8 @@ from fbench.replay.runs.manifest import rig_entry
 METRICS: tuple[Metric, ...] = (Tracking(), Detection())
 PRIMARY = ["f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw"]
 OTHERS = [
-    "idf1", "hota", "best_f1", "best_f1_threshold", "ap", "deta", "assa", "loca", "idp", "idr", "frag", "mt", "pt",
-    "ml", "occlusion_survival",
+    "idf1", "hota", "best_f1", "best_f1_threshold", "ap", "horizon_50", "horizon_80", "horizon_90", "deta",
+    "assa", "loca", "idp", "idr", "frag", "mt", "pt", "ml", "occlusion_survival",
 ]  # fmt: skip
 IN_IMAGES = ["distance_error", "range_rate_error"]
 

@@ -8,7 +8,16 @@ from xml.etree import ElementTree
 import pytest
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.comparison import Comparison, Divergence, ObjectChange, Row, State, Verdict, schema
+from fbench.replay.data.comparison import (
+    ComparedCell,
+    Comparison,
+    Divergence,
+    ObjectChange,
+    Row,
+    State,
+    Verdict,
+    schema,
+)
 from fbench.reports.ci import FORMATS, parse_target, write_comparison
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,7 +49,8 @@ def found(state: State, *rows: Row, failures: tuple[str, ...] = ()) -> Compariso
         "LOST", "log through late3d", "car", 17, 41.2, 42.9, (412, 429), 18, 38.0, "no lidar (never came)"
     )
     first = Divergence("log through late3d", 412, 41.2, "lidar", "its result differs", 18)
-    return Comparison(rows, 0.0, state, failures, (), (first,), (lost,))
+    cells = (ComparedCell("log through late3d", "late3d", "clear"),)
+    return Comparison(rows, 0.0, state, failures, (), (first,), (lost,), cells=cells)
 
 
 FAILED = found("failed", row("REGRESSED"), row("INCONCLUSIVE", "mota"), row("improved", "idf1", ""))
@@ -92,11 +102,20 @@ def test_a_comment_is_written_only_where_something_changed(tmp_path: Path) -> No
 
 def test_of_several_cells_changes_and_intervals_say_whose_they_are() -> None:
     lost = replace(FAILED.objects[0], cell="other through late3d")
-    two = replace(FAILED, rows=(*FAILED.rows, replace(FAILED.rows[0], condition="fog:3")), objects=(lost,))
+    foggy = "log through late3d (fog:3)"
+    cells = [ComparedCell(name, "late3d", "fog:3" if name == foggy else "clear") for name in (lost.cell, foggy)]
+    rows = (*FAILED.rows, replace(FAILED.rows[0], condition="fog:3"))
+    gone = replace(lost, cell=foggy, track_id=18)
+    two = replace(FAILED, rows=rows, objects=(lost, gone), divergences=(), cells=(*FAILED.cells, *cells))
     text = FORMATS["markdown"](two)
     assert "- other through late3d: LOST car" in text
     assert "f1 vehicle all, late3d fog:3" in text.split("```")[1]
-    assert "other through late3d: LOST car #17" in FORMATS["junit"](two)
+    root = ElementTree.fromstring(FORMATS["junit"](two))  # noqa: S314  # our own
+    failed = [case for case in root.iter("testcase") if case.find("failure") is not None]
+    said = {case.get("classname"): case.findtext("failure", "").splitlines()[2:] for case in failed}
+    why = "at 38 m: no lidar (never came)"
+    assert said["late3d (clear)"] == [f"other through late3d: LOST car #17 41.2-42.9 s {why}"]
+    assert said["late3d (fog:3)"] == [f"{foggy}: LOST car #18 41.2-42.9 s {why}"]
     assert any("::other through late3d: LOST" in line for line in write_comparison(two, "github", Path("/dev/null")))
 
 

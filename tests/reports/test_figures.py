@@ -56,7 +56,7 @@ def test_figures_show_the_numbers(make_run: MakeRun, tmp_path: Path, drawn) -> N
     assert list(drawn["f1_by_distance"].axes[0].lines[0].get_ydata()) == [0.75, 0.375]
     assert list(drawn["precision_recall"].axes[0].lines[0].get_xdata()) == [0.2, 0.5, 0.5]
     bars = drawn["latency"].axes[0].patches
-    assert [(bar.get_x(), bar.get_width()) for bar in bars] == [(0, 12), (0, 12)]
+    assert [(bar.get_x(), bar.get_width()) for bar in bars] == [(0, 12), (0, 12), (0, 82), (0, 82)]
     for path in paths:
         if path.suffix == ".png":
             assert cv2.imread(str(path)).shape == (480, 700, 3)

@@ -43,7 +43,7 @@ class DepthView:
     lidar: Obstacles
     stereo: Obstacles
     plane: Plane | None
-    """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
+    """The ground, as LiDAR sees it, else stereo; `None` where neither does. See `DepthStage.remember`."""
     noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
     measured: Float64 | None = None  # (K, 3) all points of LiDARs, the ground too [m]; `None`: none delivered
     exactness: Float64 = field(default_factory=lambda: np.zeros(0))  # (N,) of the points of `stereo`, 0 to 1
@@ -127,6 +127,15 @@ class DepthStage:
         self._plane: Plane | None = None
         self._lidar.reset()
 
+    def note_pose(self, frame: Frame) -> None:
+        """Take the pose of a frame whose points are looked at elsewhere."""
+        self._lidar.note_pose(frame)
+
+    def remember(self, view: DepthView) -> DepthView:
+        """Return a view with the ground that was seen last; once for each view, in the order of frames."""
+        self._plane = view.plane or self._plane
+        return replace(view, plane=self._plane)
+
     def view(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> DepthView:
         """Take the ground away from the points of one frame; a corrupt image is a fault and counts as missing."""
         points = self._lidar.points(frame, clock)
@@ -139,8 +148,7 @@ class DepthStage:
                 stereo = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else stereo
                 ray, sigma_px = stereo.xyz - self._stereo.eye_m, self._params.cluster.sigma_px
                 exactness = rate_exactness(np.hypot(ray[:, 0], ray[:, 1]), self._stereo.focal_baseline, sigma_px)
-        self._plane = lidar.plane or stereo.plane or self._plane
-        return DepthView(lidar, stereo, self._plane, noisy, points, exactness)
+        return DepthView(lidar, stereo, lidar.plane or stereo.plane, noisy, points, exactness)
 
 
 @dataclass(frozen=True, eq=False)

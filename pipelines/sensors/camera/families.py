@@ -30,6 +30,7 @@ def _sizes(images: Sequence[Pixels]) -> list[Size]:
 class Layout(ABC):
     """One family of models."""
 
+    family: ClassVar[str]
     image_input: str  # Name of the input for images
     input_wh: Size | None  # Width and height of the input [px]; `None`: any
     labels: ClassLabels
@@ -50,6 +51,7 @@ class Detr(Layout):
     (B, N), `boxes` (B, N, 4) left, top, right, bottom, `scores` (B, N).
     """
 
+    family = "DETR"
     input_wh: Size
     size_input: str  # Name of the input for sizes
     output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
@@ -70,6 +72,7 @@ class Detr(Layout):
 class Torchvision(Layout):
     """Input (3, H, W) or (1, 3, H, W) RGB 0..1; outputs boxes (N, 4) in input pixels, labels (N,), scores (N,)."""
 
+    family = "torchvision"
     batch_axis: bool
     output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
 
@@ -119,6 +122,7 @@ Head: TypeAlias = Literal["objectness", "classes", "final"]
 class Ultralytics(_Letterboxed):
     """Input (B, 3, H, W) RGB 0..1, letterboxed to the middle; one output, see `Head`."""
 
+    family = "Ultralytics"
     head: Head
     centered = True
 
@@ -139,6 +143,7 @@ class Ultralytics(_Letterboxed):
 class YoloX(_Letterboxed):
     """Input (B, 3, H, W) BGR 0..255, letterboxed to the upper left; output (B, cells, 5 + classes)."""
 
+    family = "YOLOX"
     strides: tuple[int, ...]
     centered = False
 

@@ -4,6 +4,7 @@ Loading such a model would read paths that the file names. Walks the protobuf wi
 those of onnx.proto (ONNX, Apache-2.0).
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from fbench.replay.data.arrays import Array
 from fbench.replay.data.images import Pixels
 
 _DATA_LOCATION, _EXTERNAL = 14, 1
+_DIMS = 1
 _CHILDREN: Mapping[str, Mapping[int, str]] = {
     "model": {7: "graph", 25: "function"},
     "graph": {1: "node", 5: "tensor", 15: "sparse"},
@@ -34,16 +36,37 @@ _CHILDREN: Mapping[str, Mapping[int, str]] = {
 
 def refers_to_files(data: bytes) -> bool:
     """Tell whether any tensor of the model is stored outside of `data`. Raises ModelError for what isn't protobuf."""
+    return any((_DATA_LOCATION, _EXTERNAL) in tensor for tensor in _tensors(data))
+
+
+def count_parameters(data: bytes) -> int:
+    """Count the numbers in all tensors that the model holds. Raises ModelError for what isn't protobuf."""
+    return sum(math.prod(_dims(tensor)) for tensor in _tensors(data))
+
+
+def _tensors(data: bytes) -> Iterator[list[tuple[int, int | memoryview]]]:
+    """Yield the fields of each tensor, as number and value."""
     todo = [("model", memoryview(data))]
     while todo:
         kind, message = todo.pop()
-        for number, value in _fields(message):
-            if kind == "tensor" and number == _DATA_LOCATION and value == _EXTERNAL:
-                return True
+        found = list(_fields(message))
+        if kind == "tensor":
+            yield found
+        for number, value in found:
             child = _CHILDREN[kind].get(number)
             if child and isinstance(value, memoryview):
                 todo.append((child, value))
-    return False
+
+
+def _dims(tensor: list[tuple[int, int | memoryview]]) -> Iterator[int]:
+    for number, value in tensor:
+        if number == _DIMS and isinstance(value, int):
+            yield value
+        elif number == _DIMS and isinstance(value, memoryview):  # packed, as proto3 writes them
+            at = 0
+            while at < len(value):
+                dim, at = _varint(value, at)
+                yield dim
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
@@ -149,7 +172,7 @@ class Model:
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from error
         self._size = self._layout.input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
-        self.metadata = header.metadata
+        self.metadata, self.family, self.input_wh = header.metadata, self._layout.family, self._layout.input_wh
         self._num = self._layout.batch or max(1, MAX_BATCH_PX // (self._size[0] * self._size[1]))
         with suppress(ModelError):
             if self._layout.batch is None and self._num > 1:
@@ -181,3 +204,19 @@ class Model:
     def _try(self, num: int) -> None:
         blank = np.full((self._size[1], self._size[0], 3), PAD_VALUE, np.uint8)
         self.run(self._batch([blank] * num, num), 0.0)
+
+
+@dataclass(frozen=True)
+class ModelFacts:
+    """What a file with weights is."""
+
+    family: str
+    input_wh: Size | None  # Size of the input [px]; `None`: that of the image
+    num_bytes: int
+    num_parameters: int
+
+
+def describe_model(path: Path, input_wh: Size | None = None) -> ModelFacts:
+    """Load a model and return what it is. Raises as `Model`."""
+    model, data = Model(path, 1, input_wh), path.read_bytes()
+    return ModelFacts(model.family, model.input_wh, len(data), count_parameters(data))

@@ -214,6 +214,8 @@ class InImages:
 
     seen: Mapping[str, ImageObservations] = field(default_factory=dict)
     rays: Mapping[str, Rays] = field(default_factory=dict)  # All points, of LiDARs only
+    in_space: LidarView | None = None  # What was projected, of LiDARs only
+    is_sparse: bool | None = None  # Whether there were too few echoes for the image, of radars only
 
 
 class LidarInImages:
@@ -230,6 +232,15 @@ class LidarInImages:
     def reset(self) -> None:
         """Forget how the ground lies, and how the body moves."""
         self._stage.reset()
+
+    def note_pose(self, frame: Frame) -> None:
+        """Take the pose of a frame whose points are looked at elsewhere."""
+        self._stage.note_pose(frame)
+
+    def remember(self, seen: InImages) -> None:
+        """Count what was rejected; once for each frame."""
+        if seen.in_space is not None:
+            self._stage.remember(seen.in_space)
 
     def warnings(self) -> tuple[Fault, ...]:
         """Say where nearly all clusters in space were rejected."""
@@ -254,7 +265,8 @@ class LidarInImages:
         boxes, unknown = view.boxes, np.full(len(view.boxes), np.nan)
         if boxes.label is not None and boxes.score is not None:
             boxes = replace(boxes, score=np.where(np.isin(boxes.label, VEHICLES), boxes.score, 0.0))
-        return InImages({name: by_boxes(self._rig, name, boxes, unknown, Source.L) for name in self._cameras})
+        seen = {name: by_boxes(self._rig, name, boxes, unknown, Source.L) for name in self._cameras}
+        return InImages(seen, in_space=view)
 
 
 class RadarInImages:
@@ -266,6 +278,11 @@ class RadarInImages:
         self._rig, self._cameras, self._stage, self._radar, self._image = rig, cameras, stage, params, image
         self._viewpoint = viewpoint(rig, "radar")
         self._num = self._num_sparse = 0
+
+    def remember(self, seen: InImages) -> None:
+        """Count whether there were too few echoes; once for each frame."""
+        if seen.is_sparse is not None:
+            self._num, self._num_sparse = self._num + 1, self._num_sparse + seen.is_sparse
 
     def warnings(self) -> tuple[Fault, ...]:
         """Say where most frames since the start had too few echoes."""
@@ -285,13 +302,12 @@ class RadarInImages:
         with clock.stage("preprocess"):
             cloud = of_radar(echoes, self._viewpoint, self._radar.min_speed_mps, self._image)
         with clock.stage("detect.radar"):
-            self._num += 1
             if cloud.plane is not None:
-                return _find_spots(self._rig, self._cameras, cloud, Source.R, self._image)
-            self._num_sparse += 1
+                return replace(_find_spots(self._rig, self._cameras, cloud, Source.R, self._image), is_sparse=False)
             view = radar.detect(echoes, self._radar)
             rate = relative_rates(view, echoes)
-            return InImages({name: by_boxes(self._rig, name, view.boxes, rate, Source.R) for name in self._cameras})
+            seen = {name: by_boxes(self._rig, name, view.boxes, rate, Source.R) for name in self._cameras}
+            return InImages(seen, is_sparse=True)
 
 
 def _find_spots(

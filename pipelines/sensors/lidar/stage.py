@@ -11,7 +11,7 @@ from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, 
 from fbench.pipelines.sensors.points import vehicle
 from fbench.pipelines.sensors.points.clustering import ClusterParams
 from fbench.pipelines.sensors.points.ground import GroundParams, Plane, find_ground
-from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, viewpoint
+from fbench.pipelines.sensors.points.merged import Deskew, Outline, body_pose, lidar_points, viewpoint
 from fbench.pipelines.sensors.points.vehicle import Footprints, OtherSizes, VehicleSize
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -325,11 +325,16 @@ class LidarStage:
         if self._deskew is not None:
             self._deskew.reset()
 
+    def note_pose(self, frame: Frame) -> None:
+        """Take the pose of a frame whose points are looked at elsewhere."""
+        if self._deskew is not None:
+            self._deskew.note(body_pose(self._rig, frame), frame.stamp_ns)
+
     def view(self, frame: Frame, clock: StageClock) -> LidarView:
-        """Detect in the points of one frame; without points nothing is seen but the remembered ground."""
+        """Detect in the points of one frame; without points nothing is seen. See `remember`."""
         points = self.points(frame, clock)
         if points is None:
-            return LidarView(self._plane, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
+            return LidarView(None, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
         found = self.obstacles(points, clock)
         with clock.stage("detect.lidar"):
             return self.detect(found)
@@ -338,14 +343,21 @@ class LidarStage:
         """Detect in obstacles as `obstacles` gives them."""
         if self._network is not None:
             return self._detect_learned(self._network, found)
-        view = complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint[:2])
-        self._rejected.count(view)
+        return complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint[:2])
+
+    def remember(self, view: LidarView) -> LidarView:
+        """Count what was rejected in a view, and return it with the ground that was seen last; once for each view, in
+        the order of frames.
+        """
+        if self._network is None and view.plane is not None:
+            self._rejected.count(view)
+        self._plane = view.plane or self._plane
         return replace(view, plane=self._plane)
 
     def _detect_learned(self, network: BevDetector, found: Obstacles) -> LidarView:
         """Take what lies in the boxes of the network for clusters; boxes in which nothing lies are left out."""
         if found.plane is None:
-            return LidarView(self._plane, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty())
+            return LidarView(None, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty())
         boxes = network.detect(BevPoints(found.rows, NO_RADAR), found.plane, _LEAST_LEARNED)
         cluster = np.full(len(found.xyz), -1)
         half = boxes.size_lwh_m[:, :2] / 2 + _IN_M
@@ -357,7 +369,7 @@ class LidarStage:
         kept = np.unique(cluster[cluster >= 0])
         cluster[cluster >= 0] = np.searchsorted(kept, cluster[cluster >= 0])
         order = np.argsort(cluster, kind="stable")
-        return LidarView(self._plane, found.xyz[order], cluster[order], replace(boxes[kept], velocity_mps=None))
+        return LidarView(found.plane, found.xyz[order], cluster[order], replace(boxes[kept], velocity_mps=None))
 
     def warnings(self) -> tuple[Fault, ...]:
         """Say where nearly all clusters since the start of the rig were rejected."""
@@ -369,8 +381,6 @@ class LidarStage:
             return lidar_points(self._rig, frame, self._ranges_m, self._own, self._deskew)
 
     def obstacles(self, points: Float64, clock: StageClock) -> Obstacles:
-        """Take the ground away from points as `points` gives them, and remember it."""
+        """Take the ground away from points as `points` gives them."""
         with clock.stage("preprocess"):
-            found = obstacles(points, self._params)
-        self._plane = found.plane or self._plane
-        return found
+            return obstacles(points, self._params)

@@ -11,7 +11,6 @@ from functools import cached_property
 from math import tan
 
 import numpy as np
-from scipy.special import lambertw
 
 from fbench.replay.data.arrays import Array, Bool, Float64, freeze_fields
 
@@ -45,6 +44,8 @@ class FogReturn:
         """r*: the echo of the fog is stronger than that of every target farther away, whatever its reflectivity. Solves
         r^2 (beta / beta_0) J = exp(-2 alpha r) for r from 5 m on, which holds for any fog of 10 m and more.
         """
+        from scipy.special import lambertw  # takes a while to import
+
         middle = np.sqrt(TARGET / (self.beta_per_m * self.integral_s[-1]))
         return float(lambertw(self.alpha_per_m * middle).real / self.alpha_per_m)
 

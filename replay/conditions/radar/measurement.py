@@ -9,7 +9,7 @@ import numpy as np
 from fbench.replay.conditions.points import OnScans, draw_mask, draw_rows, for_scans, keep_points, move_points, polar
 from fbench.replay.conditions.radar.echoes import Sensitivity, cartesian
 from fbench.replay.contracts.conditions import Level, Need, Site
-from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.messages import RadarScan
 
 
@@ -79,7 +79,9 @@ class Resolution(OnScans):
 
     @for_scans
     def disturb(self, scan: RadarScan, level: Level, site: Site) -> RadarScan:
-        """Keep one echo a cell, in the order of the strongest ones."""
+        """Keep one echo a cell, in the order of the strongest ones. Raises ConfigError for cells without a size."""
+        if level["cell_m"] <= 0:
+            raise ConfigError("condition 'radar.resolution': expected cells above 0 m")
         scan = keep_points(scan, np.asarray(np.isfinite(scan.xyz).all(axis=1)))
         range_m, azimuth, altitude = polar(scan.xyz)
         width = np.radians(level["cell_deg"])

@@ -1,19 +1,24 @@
 """Suite files: the cells that they mean, and where they are wrong."""
 
 import json
+import os
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tests.cli.conftest import write_log
 
 from fbench.api.suites.contents import Contents
 from fbench.api.suites.file import SuiteText
 from fbench.api.suites.plan import make_suite, read_suite
 from fbench.api.suites.runner import group_of
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.metadata import REGIONS, Region, regions_text
 from fbench.replay.engine.latency_profile import REST, LatencyProfile, StageModel
 from fbench.replay.formats.documents import find_line
+from fbench.replay.logs.containers.mcap.records import MAGIC as EMPTY  # of a log that lost all that follows
 
 GOOD = """
 version = 1
@@ -59,7 +64,7 @@ def test_cells_are_the_product_of_all_and_clear_weather_is_not_repeated_for_seed
 
 
 def test_latency_is_for_all_cells_and_decides_what_they_are_made_of(tmp_path):
-    (tmp_path / "a.mcap").write_bytes(b"")
+    (tmp_path / "a.mcap").write_bytes(EMPTY)
     content = 'version = 1\nlogs = ["a.mcap"]\npipelines = ["lidar3d"]\nrates = ["1", "2"]\n[replay]\n'
     timed = [cell.request for cell in suite_of(f'{content}latency = "fixed:80ms"\noverload = "skip"', tmp_path).cells()]
     assert [(one.latency, one.overload, one.rate) for one in timed] == [("fixed:80ms", "skip", r) for r in ("1", "2")]
@@ -72,7 +77,7 @@ def test_latency_is_for_all_cells_and_decides_what_they_are_made_of(tmp_path):
 
 
 def test_a_profile_of_latency_counts_by_what_is_in_it(tmp_path):
-    (tmp_path / "a.mcap").write_bytes(b"")
+    (tmp_path / "a.mcap").write_bytes(EMPTY)
     for folder, base_ns in (("slow", 80_000_000), ("also", 80_000_000), ("fast", 20_000_000)):
         (tmp_path / folder).mkdir()
         model = StageModel(stage=REST, base_ns=base_ns, ps_per_point=0, ps_per_box=0, ps_per_pixel=0)
@@ -98,7 +103,7 @@ def test_a_profile_of_latency_counts_by_what_is_in_it(tmp_path):
     ],
 )
 def test_a_latency_that_makes_no_sense(tmp_path, line, found):
-    (tmp_path / "a.mcap").write_bytes(b"")
+    (tmp_path / "a.mcap").write_bytes(EMPTY)
     with pytest.raises(ConfigError) as error:
         suite_of(f'version = 1\nlogs = ["a.mcap"]\npipelines = ["lidar3d"]\n\n[replay]\n{line}', tmp_path)
     assert str(error.value).startswith(found)
@@ -112,7 +117,7 @@ def test_cells_that_need_the_same_messages_follow_each_other(tmp_path):
 
 def test_logs_by_pattern_are_beside_the_file_and_named_by_their_stems(tmp_path):
     for name in ("b.mcap", "a.mcap", "c.txt"):
-        (tmp_path / name).write_bytes(b"")
+        (tmp_path / name).write_bytes(EMPTY)
     path = tmp_path / "suite.toml"
     path.write_text('version = 1\nlogs = ["*.mcap"]\npipelines = ["lidar3d"]\n')
     suite = read_suite(path)
@@ -180,6 +185,8 @@ HERE = '[[logs]]\npath = "."\n'
         (HEAD + 'pipelines = ["a\\u0000.toml"]\n' + LOG, 2, "'pipelines.0': has characters that can't be printed"),
         (HEAD + 'title = "a\\nb"\n' + LIST + LOG, 2, "'title': has characters that can't be printed"),
         ("version = 2\n" + LIST + LOG, 1, "'version'"),
+        ("version = true\n" + LIST + LOG, 1, "'version': expected a whole number"),
+        ("version = 1.0\n" + LIST + LOG, 1, "'version': expected a whole number"),
         (LIST + LOG, 1, "'version' is missing"),
         (HEAD + LOG, 1, "'pipelines' is missing"),
     ],
@@ -191,6 +198,47 @@ def test_what_is_wrong_is_one_line_with_file_line_and_key(tmp_path, content, lin
     assert said.startswith(f"suite.toml:{line}: "), said
     assert text in said
     assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("path", "line", "text"),
+    [
+        ("text.mcap", 4, "'logs.0.path': text.mcap: not a log (looks like text)"),
+        ("t*.mcap", 4, "not a log"),
+        ("nothing", 4, "'logs.0.path': nothing: no log (a folder without log.json"),
+        ("pipe.mcap", 4, "'logs.0.path': pipe.mcap: not a regular file"),
+        ("/dev/null", 4, "'logs.0.path': /dev/null: not a regular file"),
+        ('a.mcap"\ntruth = "pipe.mcap', 5, "'logs.0.truth': pipe.mcap: neither a regular file nor a folder"),
+        ('a.mcap"\ntruth = "text.mcap', 5, "'logs.0.truth': text.mcap: "),
+        ('a.mcap"\nrig = ["pipe.mcap"]\nname = "a', 5, "'logs.0.rig.0': not a file: pipe.mcap"),
+        ('a.mcap"\nconfig = "pipe.mcap', 5, "'logs.0.config': not a file: pipe.mcap"),
+    ],
+)
+def test_what_is_no_log_is_refused_before_anything_runs(tmp_path, monkeypatch, path, line, text):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.mcap").write_bytes(EMPTY)
+    (tmp_path / "text.mcap").write_text("not a log at all")
+    (tmp_path / "nothing").mkdir()
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(ConfigError) as raised:
+        suite_of(f'{HEAD}{LIST}[[logs]]\npath = "{path}"\n', Path())
+    assert str(raised.value).startswith(f"suite.toml:{line}: ")
+    assert text in str(raised.value)
+
+
+def test_regions_that_no_log_has_are_refused_before_anything_runs(tmp_path):
+    road = Region("road", np.array([[0.0, 0], [9, 0], [9, 9]]))
+    write_log(tmp_path / "a.mcap", [], metadata={REGIONS: regions_text([road])})
+    write_log(tmp_path / "b.mcap", [])
+    content = f"{HEAD}{LIST}logs = [{{}}]\n[scoring]\nregions = {{}}\n"
+    suite_of(content.format('"b.mcap", "a.mcap"', '["road"]'), tmp_path)
+    for logs, kinds, why in (
+        ('"b.mcap"', '["road"]', "0': no log has a region 'road'; there are none"),
+        ('"a.mcap"', '["road", "raod"]', "1': no log has a region 'raod'; did you mean 'road'?"),
+    ):
+        with pytest.raises(ConfigError) as raised:
+            suite_of(content.format(logs, kinds), tmp_path)
+        assert str(raised.value) == f"suite.toml:5: 'scoring.regions.{why}"
 
 
 def test_what_is_no_toml_says_where(tmp_path):

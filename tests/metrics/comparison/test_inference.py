@@ -80,3 +80,15 @@ def test_false_alarms_power_and_coverage() -> None:
     assert alarms <= 0.1 * trials
     assert held >= 0.88 * trials
     assert found >= 0.8 * trials
+
+
+@pytest.mark.parametrize("num_judged", [1, 2, 10, 100])
+def test_so_many_units_can_show_a_change_at_all(num_judged: int) -> None:
+    """All units lost all hits; of one unit less even that could be chance."""
+    least = FAST.least_units(num_judged)
+    for num, is_shown in ((least - 1, False), (least, True)):
+        how = ErrorRates(num_flips=max(2**num, 100))
+        base, head = (np.tile(row, (num, 1)) for row in ([9, 0, 0], [0, 0, 9]))
+        p = PairedUnits(num, how).test(base, head, F1)
+        assert p is not None
+        assert (p * num_judged < how.alpha) is is_shown

@@ -9,9 +9,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.metrics.conftest import boxes2d, boxes3d, front_camera, make_manifest
 
+from fbench.metrics.comparison.cells import CellName, CellPair, CellSide, Stretches
+from fbench.metrics.comparison.counts import RATIOS, Place, count_frames
 from fbench.metrics.criticality.metric import Criticality, find_critical_errors
+from fbench.metrics.criticality.scores import WEIGHT_BITS
 from fbench.metrics.runs.combine import combine_runs, measure_run
 from fbench.replay.contracts.errors import RunError
+from fbench.replay.data.arrays import Int64
 from fbench.replay.data.boxes import Boxes, Boxes3D
 from fbench.replay.data.criticality import load_critical_errors, save_critical_errors
 from fbench.replay.data.messages import Truth
@@ -194,3 +198,26 @@ def test_runs_are_added(tmp_path: Path) -> None:
     assert both["mdr"].value == pytest.approx(expected()["mdr"])
     assert together(0, 2)["weighted_recall"].value == pytest.approx(expected()["weighted_recall"])
     assert together(2)["critical_misses"].value is None
+
+
+def test_frames_add_up_to_the_rows_so_that_comparisons_can_test_them(tmp_path: Path) -> None:
+    run = write(tmp_path / "run", [truth_at(k) for k in range(NUM)], [found_at(k) for k in range(NUM)])
+    frames = count_frames(run, OPTIONS)
+    place = next(own for own in frames.counts if own[:2] == ("critical detection", "vehicle"))
+    misses, _, hit, truth, _, _ = frames.counts[place].T
+    assert np.flatnonzero(misses).tolist() == list(MISSED)
+    assert truth / 2**WEIGHT_BITS == pytest.approx(WEIGHTS, rel=1e-6)
+    assert np.flatnonzero(hit == 0).tolist() == list(MISSED)
+    rows = {row.key: row.value for row in Criticality().scores(run, OPTIONS)}
+    tested = [key for key in rows if key in frames.totals]
+    assert {key[0] for key in tested} == {*RATIOS["critical detection"], *RATIOS["critical tracking"]}
+    assert [frames.totals[key] for key in tested] == pytest.approx([rows[key] for key in tested], abs=1e-6)
+
+
+def test_a_baseline_that_counts_nothing_critical_has_no_test_of_it(tmp_path: Path) -> None:
+    place = ("critical tracking", "vehicle", "all", "bev 2 m")
+    new, old = ({place: np.ones((6, 6), np.int64)}, dict[Place, Int64]())
+    sides = [CellSide(make_manifest(), [], None, Stretches("", held, ("",) * 6)) for held in (new, old)]
+    name = CellName("log", "lidar3d")
+    assert CellPair(name, sides[0], sides[1]).counts(place) is None
+    assert CellPair(name, sides[0], sides[0]).counts(place) is not None

@@ -194,7 +194,7 @@ def test_cards_are_whole():
         "f1 precision recall coverage mota mota_no_fp motp idsw frag mt pt ml idf1 idp idr hota deta assa loca detre "
     )
     wanted += "detpr assre asspr owta amota amotp samota motar map ap ate ase aoe ave aae nds ap40 ap11 aos "
-    wanted += "occlusion_survival distance_error range_rate_error"
+    wanted += "occlusion_survival distance_error range_rate_error horizon_50 horizon_80 horizon_90"
     assert set(wanted.split()) <= set(DEFINITIONS)
 
 

@@ -65,10 +65,10 @@ def test_pace_says_what_was_achieved_and_how_late():
     assert clock.pace == Pace(2.0, None)
     for second in range(10):
         clock.wait_until(second * S)
-    assert clock.pace == Pace(2.0, 2.0, 0.0, 0.0)
+    assert clock.pace == Pace(2.0, 2.0, 0.0, 0.0, 0.0)
     wall.ns += round(1.5 * S)  # the pipeline takes three times as long as it may
     clock.wait_until(10 * S)
-    assert clock.pace == Pace(2.0, pytest.approx(10 / 6), 1000.0, 1000.0)
+    assert clock.pace == Pace(2.0, pytest.approx(10 / 6), 1000.0, 1000.0, 0.0)
 
 
 def test_sleep_that_returns_late_is_jitter_and_no_drift():
@@ -105,6 +105,20 @@ def test_a_paced_replay_keeps_its_schedule(rate):
     assert clock.pace.achieved == pytest.approx(rate, rel=1e-5)
     assert clock.pace.max_late_ms <= 0.901
     assert 0.8 < clock.pace.p99_late_ms <= clock.pace.max_late_ms
+    assert abs(clock.pace.drift_ms_per_min) < 0.1
+
+
+def test_drift_of_the_schedule_is_told_apart_from_lateness():
+    wall, late_ns = Wall(), iter([0, 90_000_000, 0, 50_000_000, 0, 70_000_000, 0] * 20)
+    clock = Clock(1.0, 5 * S, wall.now_ns, lambda seconds: wall.sleep_s(seconds) or wall.sleep_s(next(late_ns) / 1e9))
+    for second in range(120):
+        clock.wait_until(second * S)
+    assert clock.pace.drift_ms_per_min == pytest.approx(0.0, abs=1e-6)
+    wall, slip = Wall(), iter(range(1000))  # each sleep returns 1 ms later than the one before
+    clock = Clock(1.0, 5 * S, wall.now_ns, lambda seconds: wall.sleep_s(seconds + next(slip) / 1000))
+    for second in range(121):
+        clock.wait_until(second * S)
+    assert clock.pace.drift_ms_per_min == pytest.approx(60.0, rel=0.03)
 
 
 def test_pauses_do_not_count_as_pace():

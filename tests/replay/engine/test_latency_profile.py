@@ -13,7 +13,15 @@ from tests.replay.engine.test_service_queue import simulate
 from tests.replay.fakes import MS, drive
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.engine.latency_profile import MOST_NS, REST, FrameContent, LatencyProfile, StageModel, load_profile
+from fbench.replay.engine.latency_profile import (
+    MOST_NS,
+    REST,
+    FrameContent,
+    LatencyProfile,
+    StageModel,
+    digest_parameters,
+    load_profile,
+)
 from fbench.replay.engine.service_queue import OverloadPolicy, make_latency
 from fbench.replay.runs.folder import Run
 
@@ -88,7 +96,7 @@ def test_replays_agree_with_the_simulation_of_events(tmp_path, overload):
     model = make_latency(f"profile:{path}", overload, 2.0, seed=5)
     run = play(drive(30), tmp_path / "run", latency=model)
     lockstep = play(drive(30), tmp_path / "lockstep")
-    service = ECHO.draw_run_ns(5, lockstep)
+    service = ECHO.draw_run_ns(5, lockstep, lockstep.manifest.log.log_id)
     assert service == [draw(ECHO, i, FrameContent(3, 1, 0), BOTH, seed=5) for i in range(30)]
     depth = OverloadPolicy("fifo", 2) if overload == "fifo:2" else OverloadPolicy(overload)
     expected = simulate(depth, [f.ready_ns for f in run.frames], [2 * ns for ns in service])
@@ -139,7 +147,16 @@ def test_frames_that_failed_take_the_time_of_a_whole_one(tmp_path):
     run = play(drive(), tmp_path / "run")
     failed = replace(run.frames[3], failed="why")
     run.__dict__["frames"] = (*run.frames[:3], failed, *run.frames[4:])
-    assert ECHO.draw_run_ns(0, run)[3] == draw(ECHO, 3, FrameContent(3, 1, 0), ran=None)
+    assert ECHO.draw_run_ns(0, run, run.manifest.log.log_id)[3] == draw(ECHO, 3, FrameContent(3, 1, 0), ran=None)
+
+
+def test_other_parameters_are_refused():
+    own = {"eps_m": 0.6, "weights": {"file": "/a/net.onnx", "sha256": "12"}}
+    profile = ECHO.model_copy(update={"parameters": digest_parameters(own)})
+    profile.require_parameters({**own, "weights": {"file": "/b/net.onnx", "sha256": "12"}, "new": 1})
+    ECHO.require_parameters(own)  # an older one doesn't know
+    with pytest.raises(ConfigError, match=r"another value of parameter eps_m, and 1 more"):
+        profile.require_parameters({"eps_m": 0.7, "weights": {"file": "/a/net.onnx", "sha256": "13"}})
 
 
 def test_a_profile_is_kept_as_it_is(tmp_path):

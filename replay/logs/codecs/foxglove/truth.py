@@ -16,7 +16,6 @@ from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseProto
 from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import DataError, DecodeError
 from fbench.replay.data.arrays import Array, text_array
@@ -64,6 +63,8 @@ def boxes_proto(stamp_ns: int, boxes: Boxes3D | Boxes2D | None, more: dict[str, 
 
 def _add_cubes(scene: SceneUpdate, boxes: Boxes3D) -> None:
     """Add cubes for viewers; boxes that aren't finite can't be drawn."""
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     zeros, rotations = np.zeros(len(boxes)), np.full((len(boxes), 4), np.nan)
     angles = np.stack([boxes.yaw_rad, *(zeros if a is None else a for a in (boxes.pitch_rad, boxes.roll_rad))], axis=1)
     finite = np.isfinite(angles).all(axis=1)

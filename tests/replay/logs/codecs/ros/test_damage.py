@@ -1,6 +1,7 @@
 """Damaged payloads: a message or a DecodeError of one line, nothing else, and no memory beyond the payload's size."""
 
 import tracemalloc
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ ROWS = structured(**XYZ, ring=np.uint8([0, 1]), t=np.uint32([0, 1]))
 DOPPLER = structured(**XYZ, vr=np.float32([3, 4]))
 
 
+@cache
 def payloads(distro):
     """Name, kind and payload of one message of every type."""
     known = {**test_boxes.NEW, **test_radar.SCANS, test_calibration.TF2: test_calibration.TEXT}

@@ -13,7 +13,7 @@ from fbench.metrics.latency import BUDGET_MS, summarize, warm_up_frames
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.files import replace_text
-from fbench.replay.engine.latency_profile import REST, FrameContent, LatencyProfile, StageModel
+from fbench.replay.engine.latency_profile import REST, FrameContent, LatencyProfile, StageModel, digest_parameters
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.timings import WHOLE
 from fbench.replay.setup.request import ReplayRequest
@@ -82,8 +82,10 @@ def profile(
                 f"only {len(contents)} frames are left that warmed nothing up, a profile needs {_FEWEST_FRAMES}: take "
                 "a longer part of the log, or more repeats"
             )
+        parameters = digest_parameters(runs[0].manifest.parameters)
         host = {key: value for key, value in runs[0].json("host.json").items() if key in _HOST}
         found = fit_profile(name, runs[0].manifest.log.name, request.repeats, host, times, contents)
+        found = found.model_copy(update={"parameters": parameters})
         stamps = [frame.stamp_ns for frame in runs[0].frames]
     replace_text(path, found.model_dump_json() + "\n")
     stages = dict.fromkeys(stage for own in times for stage in own)

@@ -13,6 +13,7 @@ from fbench.api.scores import IN_LOCKSTEP, score_folder
 from fbench.api.suites.runner import share_memory
 from fbench.metrics.latency import warm_up_frames
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.files import Draft, replace_text
 from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, ScoreOptions
 from fbench.replay.engine.clock import make_clock
@@ -21,13 +22,17 @@ from fbench.replay.engine.shared import SharedLogs
 from fbench.replay.runs.folder import FRAMES, Run, write_frames
 from fbench.replay.runs.manifest import save_manifest
 from fbench.replay.setup.request import ReplayRequest
-from fbench.reports.html.sweep import Chart, Curve, write_sweep_page
+from fbench.reports.html.charts import Axis, Chart, Curve, Page, Table, texts, write_page
 
 MISSES_PERCENT = 1
 """A rate is sustained while less than so many percent of the frames miss their deadline."""
 SLOWEST, FASTEST = Fraction(1, 1024), Fraction(1024)
 _STEPS = 20  # Of the bisection: the last is below a millionth of the first
 _METRICS = ("f1", "mota", "hota")
+_LIMITS = (
+    "The dashed vertical line is the largest rate that is sustained, where the axis holds it. The dashed horizontal "
+    "line is the share of missed deadlines from which on a rate isn’t."
+)
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,8 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
         raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
     if folder.exists() and not (folder / RESULT).is_file():
         raise ConfigError(f"{folder}: exists and isn't a sweep, so --overwrite doesn't touch it")
-    model, budget_ms = request.replay.resolve().latency or LatencyModel(), request.replay.budget_ms
+    options, budget_ms = request.replay.resolve(), request.replay.budget_ms
+    model = options.latency or LatencyModel()
     with Draft(folder, is_folder=True) as draft, SharedLogs(share_memory(1)) as shared:
         runs, rates = list[Run](), list(dict.fromkeys(request.rates))
         for num, rate in enumerate(rates):
@@ -112,7 +118,8 @@ def sweep(request: SweepRequest, progress: Callable[[int, int], None] = lambda d
         rows = [_row(run, float(rate), budget_ms) for run, rate in zip(runs, rates, strict=True)]
         ready_ns, lockstep = _ready_ns(runs[0]), runs[0].folder / IN_LOCKSTEP
         if model.profile is not None:
-            service_ns = model.profile.draw_run_ns(model.seed, Run(lockstep))
+            log_id = options.log.open(FaultLog()).info.log_id  # that of a redacted run is another
+            service_ns = model.profile.draw_run_ns(model.seed, Run(lockstep), log_id)
         else:
             fixed_ns = model.fixed_ns
             service_ns = _read_times_ns(Run(lockstep)) if fixed_ns is None else [fixed_ns] * len(ready_ns)
@@ -157,20 +164,30 @@ def sweep_content(found: RateSweep) -> dict[str, object]:
 
 def _draw(found: RateSweep, out: Path) -> None:
     """Write the page with accuracy, age and drops against the rate."""
-    rows, parts = found.rows, (FORECAST, STREAMING, LOCKSTEP)
+    rows, rates, parts = found.rows, [row.rate for row in found.rows], (FORECAST, STREAMING, LOCKSTEP)
+    names = [f"{rate:g}×" for rate in rates]
+    axis = Axis("rate", list(zip(rates, names, strict=True)), is_log=True, limit=found.sustainable_rate)
+
+    def curve(name: str, values: Sequence[float | None]) -> Curve:
+        return Curve(name, list(zip(rates, values, strict=True)))
+
     charts = [
-        Chart(metric.upper(), [Curve(part, [row.scores[part].get(metric) for row in rows]) for part in parts])
+        Chart(metric.upper(), axis, [curve(part, [row.scores[part].get(metric) for row in rows]) for part in parts])
         for metric in _METRICS
     ]
-    charts.append(Chart("Age of outputs, ms", [Curve("mean", [row.staleness_ms for row in rows])]))
+    charts.append(Chart("Age of outputs, ms", axis, [curve("mean", [row.staleness_ms for row in rows])]))
     shares = {"missed": [row.missed for row in rows], "dropped": [row.dropped for row in rows]}
     of = [row.frames for row in rows]
-    lines = [Curve(name, [100 * a / b for a, b in zip(num, of, strict=True)]) for name, num in shares.items()]
-    charts.append(Chart("Frames, %", lines, MISSES_PERCENT))
+    lines = [curve(name, [100 * a / b for a, b in zip(num, of, strict=True)]) for name, num in shares.items()]
+    charts.append(Chart("Frames, %", axis, lines, MISSES_PERCENT))
     kept = "at no rate" if found.sustainable_rate is None else f"up to {found.sustainable_rate:g}×"
     facts = [("Pipeline", found.pipeline), ("Latency", found.latency), ("Overload", found.overload),
              ("Deadline", f"{found.budget_ms:g} ms"), ("Frames", str(max(of))), ("Sustained", kept)]  # fmt: skip
-    write_sweep_page(out, found.log, facts, [row.rate for row in rows], found.sustainable_rate, charts)
+    table = [
+        (f"{chart.title}, {one.name}", texts([y for _, y in one.points])) for chart in charts for one in chart.curves
+    ]
+    notes = [] if found.sustainable_rate is None else [_LIMITS]
+    write_page(out, Page("sweep over rates", found.log, facts, charts, Table(["Rate", *names], table), notes))
 
 
 def _row(run: Run, rate: float, budget_ms: float) -> SweepRow:

@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.api.profile import fit_profile
+from fbench.api.profiles import fit_profile
 from fbench.replay.engine.latency_profile import REST, FrameContent
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.cli.conftest import fbench, log  # noqa: F401
 
-from fbench.api.sweep import SweepRequest, find_sustainable_rate
+from fbench.api.sweeps import SweepRequest, find_sustainable_rate
 from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.engine.service_queue import OverloadPolicy
 from fbench.replay.setup.request import ReplayRequest
@@ -97,7 +97,7 @@ def test_a_sweep_that_fails_leaves_nothing_and_replaces_nothing(fbench, log, mon
     def fail(*args):
         raise RunError("no space left")
 
-    monkeypatch.setattr(sys.modules[SweepRequest.__module__], "write_sweep_page", fail)
+    monkeypatch.setattr(sys.modules[SweepRequest.__module__], "write_page", fail)
     assert fbench(*words, "--overwrite").code == 3
     assert Path("a/mine.txt").read_text() == "kept"
     assert not Path(".a.partial").exists()
