@@ -49,9 +49,12 @@ CANDIDATES: Mapping[str, Sequence[tuple[str, ...]]] = {
         _OLD,
         *((*_OLD[:at], *_OLD[at + 1 :]) for at in range(len(_OLD))),
     ),
-    "early2d": ((), ("fusion.measured_share=0",), ("fusion.measured_share=0.2",)),
+    "early2d": (
+        (), ("fusion.measured_share=0",), ("fusion.measured_share=0.2",), ("fusion.most_unseen=2",),
+        ("fusion.outline=points",),
+    ),
     "late2d": ((), ("fusion.measured_share=0",), ("fusion.measured_share=0.2",)),
-}
+}  # fmt: skip
 """Settings to choose from: the defaults, those of earlier versions, and what lies between."""
 RESAMPLES = 2000
 JUDGES = (("lidar.judge=model",), ("lidar.judge=both",), ("lidar.judge=rules",))

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Literal
 
@@ -28,6 +28,7 @@ from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Fault, Frame
+from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.geometry.stereo_pairs import pairs
 
@@ -218,7 +219,10 @@ class Early2D(OneCloud[Boxes2D]):
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig. Raises LogError where no camera can be projected into; see `OneCloud.start`."""
-        self._fusion = EarlyImageFusion(projectable(self.name, rig, log_info), self._params.fusion)
+        fusion = self._params.fusion
+        usual: Literal["points", "boxes"] = "points" if SIMULATED in log_info.metadata else "boxes"
+        fusion = replace(fusion, outline=fusion.outline or usual)
+        self._fusion = EarlyImageFusion(projectable(self.name, rig, log_info), fusion)
         self._remember(self._fusion)
         super().start(rig, log_info)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -29,6 +30,9 @@ _SAME = 0.5  # Of two objects with a larger IoU the farther one would be hidden
 class EarlyImageParams(EarlyParams, prefix="fusion"):
     """How one cloud becomes objects in images."""
 
+    outline: Literal["points", "boxes"] | None = None
+    """By what objects are outlined that no camera shows: their points, or their boxes in space; none: points in
+    simulated logs, boxes in others, as few beams outline less than a vehicle."""
     margin_px: float = in_range(2.0, 0, 1e4)
     """By so much outlines around points are wider than these [px], at a focal length of 400 px."""
     measured_share: float = in_range(0.1, 0, 1)
@@ -141,10 +145,12 @@ def range_rates(cloud: FusedCloud, groups: Groups) -> Float64:
 
 def outline_groups(scene: Scene, found: Candidates, camera: str, params: EarlyImageParams) -> Float64:
     """Outlines (M, 4) [px] of groups in one image, NaN where nothing of one is in it: of their points of LiDAR and
-    stereo where there are enough for a shape, else of their boxes in space.
+    stereo where these are to show outlines and there are enough for a shape, else of their boxes in space.
     """
     groups, cloud = found.groups, scene.cloud
     result, _ = project_boxes(scene.rig, camera, found.boxes)
+    if params.outline == "boxes":
+        return result
     dense = cloud.source[groups.rows] != int(Source.R)
     has_shape = np.bincount(groups.number[dense], minlength=len(groups)) >= params.fit_points
     result[has_shape] = np.nan

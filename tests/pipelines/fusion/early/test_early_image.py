@@ -236,3 +236,12 @@ def test_noisy_points_of_stereo_leave_the_shape_to_lidar():
     assert both.counts.sources[0] == alone.counts.sources[0] | int(Source.S)
     assert both.boxes.center_m[0] == pytest.approx(alone.boxes.center_m[0], abs=1e-9)
     assert both.boxes.size_lwh_m[0] == pytest.approx(alone.boxes.size_lwh_m[0], abs=1e-9)
+
+
+def test_objects_can_be_outlined_by_their_boxes_in_space():
+    """A whole car is about as tall as the camera is high; the points of its back reach up to 1.2 m."""
+    by_points, by_box = (found(CAR, params=EarlyImageParams(min_score=0.01, margin_px=0.0, outline=how)).xyxy_px[0]
+                         for how in ("points", "boxes"))  # fmt: skip
+    assert by_points[1] == pytest.approx(309.5)
+    assert by_box[1] == pytest.approx(299.5, abs=2.0)
+    assert by_box[3] == pytest.approx(by_points[3], abs=0.5)
