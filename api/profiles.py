@@ -32,6 +32,8 @@ class ProfileRequest:
     repeats: int = 3
 
     def __post_init__(self) -> None:
+        if self.replay.overlap > 1:
+            raise ConfigError("a profile records latency, so frames can't overlap")
         if self.replay.latency is not None:
             raise ConfigError("a profile records latency, so it takes no --latency")
         if not 1 <= self.repeats <= MOST_REPEATS:

@@ -54,7 +54,7 @@ def sweep(
         seed=seed, out=out, overwrite=overwrite, on_fault="tolerant", no_media=True, latency=latency, overload=overload,
         budget_ms=budget_ms,
     )  # fmt: skip
-    what = SweepRequest(request, [rate.strip() for rate in rates.split(",") if rate.strip()])
+    what = SweepRequest(request, [rate.strip() for rate in rates.split(",")])
     with replay_progress(f"{log.name} → {request.pipeline}") as progress:
         found = sweep_log(what, progress)
     if json:

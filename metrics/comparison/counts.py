@@ -14,6 +14,7 @@ from fbench.metrics.runs.columns import View
 from fbench.metrics.runs.detection import parts_of
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import views
+from fbench.metrics.runs.streaming import stream_runs
 from fbench.metrics.tracking.clear_events import SWITCH
 from fbench.metrics.tracking.identity import identified
 from fbench.metrics.tracking.scores import follow_tracks, require_unique_ids
@@ -114,12 +115,17 @@ def metrics_of(place: Place) -> Mapping[str, Callable[[Float64], Float64]]:
     return {"recall": own["recall"]} if place[2] in VISIBILITY_SLICES else own
 
 
-def count_frames(run: Run, options: ScoreOptions) -> FrameCounts:
-    """Count each frame of a run, as its scores do. Raises MetricError where an id occurs twice in one frame."""
-    shared = SharedRun(run.folder)
+def count_frames(run: Run, options: ScoreOptions, streamed: SharedRun | None = None) -> FrameCounts:
+    """Count each frame of a run, or of what counts in it in streaming, as its scores do. Raises MetricError where an id
+    occurs twice in one frame.
+    """
+    shared = streamed or SharedRun(run.folder)
     labeled = [frame for frame in shared.frames if frame.truth_spaces]
     frames = np.array([frame.index for frame in labeled], np.int64)
     found: dict[Place, Int64] = {}
+    for name, one in stream_runs(run).items() if streamed is None else ():
+        places = count_frames(run, options, one).counts.items()
+        found |= {(k, c, name, m): counts for (k, c, part, m), counts in places if (c, part) == (VEHICLE.name, "all")}
     for view, group, part in _detections(shared, options):
         candidates = compare_class(view.sequence, group, view.match)
         judged = judge_detections(candidates if part is None else candidates.select(part))

@@ -210,6 +210,14 @@ class StreamedRun(SharedRun):
         return rates
 
 
+def stream_runs(run: Run) -> dict[str, StreamedRun]:
+    """Return a run as it counts in streaming, by slice: without and with a forecast; none where it has no latency."""
+    if run.manifest.latency is None:
+        return {}
+    source = pair_outputs(run.frames)
+    return {name: StreamedRun(run.folder, run, source, name == FORECAST) for name in (STREAMING, FORECAST)}
+
+
 def _take_nearest(rates: Float64, table: BoxTable, others: BoxTable) -> Float64:
     """Return of `rates` (M, 3 or 4) of the other boxes that of the nearest in the same frame, within `_NEAR_M` or from
     an IoU of `_NEAR_IOU` on, for each box (N, 3 or 4); NaN: there is none.

@@ -11,6 +11,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Float64, Int64
 
 MAX_GAP_NS = 2_000_000_000
+_BEGINS = -(2**63)
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Clock:
                 self._sleep_s((due_ns - now_ns) / 1e9)
                 now_ns = self._now_ns()
             self._late_ns.append(max(0, now_ns - due_ns))
-            self._due_ns.append(due_ns)
+            self._due_ns.append(_BEGINS if begins else due_ns)
         if not begins:
             self._passed_log_ns += log_ns - self._last[0]
             self._passed_wall_ns += now_ns - self._last[1]
@@ -80,6 +81,10 @@ class Clock:
 
 def _drift(due_ns: Int64, late_ms: Float64) -> float | None:
     """Drift [ms per minute] of messages (N,) by when they were due, ascending; `None`: they span no time."""
+    waited = due_ns != _BEGINS  # the others set the schedule, and aren't late
+    due_ns, late_ms = due_ns[waited], late_ms[waited]
+    if not len(due_ns):
+        return None
     third_ns = (int(due_ns[-1]) - int(due_ns[0])) / 3
     if not third_ns:
         return None

@@ -152,6 +152,8 @@ def compare_hosts(base: Mapping[str, object], head: Mapping[str, object]) -> lis
     """
     shown = [{name: "unknown" if side.get(name) is None else side[name] for name in _FACTS} for side in (base, head)]
     found = [f"{name} {shown[0][name]} and {shown[1][name]}" for name in _FACTS if shown[0][name] != shown[1][name]]
+    overlaps = [side.get("overlap", 1) for side in (base, head)]
+    found += [f"frames overlapped in {overlaps[0]} and {overlaps[1]} processes"] if overlaps[0] != overlaps[1] else []
     times = [side.get("reference_ms") for side in (base, head)]
     known = [float(value) for value in times if isinstance(value, int | float) and value > 0]
     if len(known) < len(times):

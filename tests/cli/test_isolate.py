@@ -166,6 +166,7 @@ def test_isolated_run_has_the_same_bytes(fbench, log, cls):
         assert results[0].err == results[1].err
     else:
         assert files(Path("here")) == files(Path("apart"))
+        assert Run(Path("apart")).json("latency.json")["stages"][-1]["cpu_mean_ms"] > 0
 
 
 def require_ended(number: str) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from tests.cli.conftest import messages as make_messages
-from tests.cli.conftest import write_log
+from tests.cli.conftest import rig, truths, write_log
 from tests.cli.test_score_truth import rows as truth_rows
 
 from fbench.api.runs import replay
@@ -40,6 +40,18 @@ def test_the_price_of_latency(fbench, log):
     assert fbench("report", "a", "plain", "-o", "both.html").code == 0
     compared = fbench("compare", "plain", "a")
     assert "latency: none -> fixed:150ms, overload skip, at 1x" in compared.out
+
+
+def test_streaming_scores_are_compared_by_stretches(fbench, tmp_path):
+    log = write_log(tmp_path / "long.mcap", [*make_messages(80, camera=False), *truths(80)], rig(camera=False))
+    for name, ms in (("a", 0), ("b", 150)):
+        latency = ("--latency", f"fixed:{ms}ms")
+        assert fbench("replay", log, "-p", "lidar3d", *latency, "-o", name, "--no-media").code == 0
+    found = fbench("compare", "a", "b", "--json").json()["rows"]
+    row = next(r for r in found if (r["metric"], r["slice"]) == ("f1", "streaming") and r["matching"].startswith("bev"))
+    scores = [rows(name, "streaming")["f1", row["matching"]] for name in ("a", "b")]
+    assert [row["base"], row["head"]] == scores
+    assert row["low"] <= row["delta"] <= row["high"] < 0
 
 
 def test_no_latency_is_lockstep(fbench, log):
