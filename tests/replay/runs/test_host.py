@@ -109,6 +109,7 @@ HOST = {"cpu": "A", "cores": 4, "governor": "performance", "threads": 4, "refere
         ({"reference_ms": 8.9}, ["the reference kernel took 10 ms and 8.9 ms"]),
         ({"reference_ms": 11.1}, ["the reference kernel took 10 ms and 11.1 ms"]),
         ({"cpu": "B", "threads": 1}, ["cpu A and B", "threads 4 and 1"]),
+        ({"overlap": 2}, ["frames overlapped in 1 and 2 processes"]),
         ({"governor": None, "load": 9.0}, ["governor performance and unknown"]),
         ({"reference_ms": None}, ["the time of the reference kernel isn't known of both"]),
     ],
