@@ -1,5 +1,6 @@
 """Fixtures that all tests share."""
 
+import gc
 import signal
 from importlib import import_module
 from pathlib import Path
@@ -48,6 +49,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     file_of = scheduling._split_scope
     scheduling._split_scope = lambda nodeid: CITY if nodeid.startswith(f"{CITY}/") else file_of(nodeid)
     return scheduling
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector leave alone what was imported and collected: each look at it takes half a second."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

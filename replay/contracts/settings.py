@@ -144,10 +144,11 @@ def describe_file(path: Path) -> dict[str, object]:
     return {"file": path.name, "sha256": sha256}
 
 
-def names_file(params: Any, path: str, text: str) -> bool:
+def names_file(params: object, path: str, text: str) -> bool:
     """Tell whether what a parameter is set to, whose dotted name may begin with that of a sensor, is a file."""
     name = path.rpartition(".")[2]
-    hints = [hint for known, hint in _hints(type(params)) if known == name]
+    cls: Any = type(params)  # mypy takes no `type[object]` for a key
+    hints = [hint for known, hint in _hints(cls) if known == name]
     # Other types take some texts as words of their own, such as `none`.
     may_be = (hint for hint in hints if Path in (hint, *typing.get_args(hint)))
     return any(isinstance(_parse("", hint, text), Path) for hint in may_be)
