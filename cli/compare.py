@@ -39,18 +39,22 @@ def compare(
     policy: Annotated[Path | None, Option(metavar="FILE", help="gate.toml: what gates, and by which rules.")] = None,
     reference: Reference = "truth",
     write: Write = None,
+    link: Annotated[
+        str | None, Option(metavar="URL", help="Address of the CI job, for the comment of markdown and github.")
+    ] = None,
     json: options.Json = False,
 ) -> None:
     """Print what changed between two runs or suites; exit 1 when the gate fails."""
     from fbench.api.runs import compare as compare_runs
-    from fbench.reports.ci import parse_target, write_comparison
+    from fbench.reports.ci import check_link, parse_target, write_comparison
 
     if tolerance is not None and policy is not None:
         raise ConfigError("--tolerance goes without --policy, which has a tolerance for each gate")
+    url = check_link(link) if link else ""
     targets = [parse_target(text) for text in write or ()]
     comparison = compare_runs(base, head, tolerance or 0.0, policy, reference).comparison
     for kind, path in targets:
-        sys.stderr.writelines(f"{line}\n" for line in write_comparison(comparison, kind, path))
+        sys.stderr.writelines(f"{line}\n" for line in write_comparison(comparison, kind, path, url))
     if json:
         print_json(comparison.content())
     else:

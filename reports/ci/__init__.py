@@ -1,6 +1,7 @@
 """Comparisons in the forms that CI servers and dashboards read."""
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -35,13 +36,20 @@ def parse_target(text: str) -> tuple[str, Path]:
     return kind, Path(name)
 
 
-def write_comparison(comparison: Comparison, kind: str, path: Path) -> list[str]:
-    """Write a comparison to a file; return lines for the terminal of the job.
+def check_link(text: str) -> str:
+    """Return an address as it stands in a comment. Raises ConfigError where it isn't a plain one."""
+    if not re.fullmatch(r"https?://[\w.:\[\]-]+(/[\w.~%!$&*+,;=:@/?#-]*)?", text, re.ASCII):
+        raise ConfigError(f"--link {text[:200]!r}: expected an address such as https://ci.example.org/jobs/17")
+    return text
+
+
+def write_comparison(comparison: Comparison, kind: str, path: Path, link: str = "") -> list[str]:
+    """Write a comparison to a file; return lines for the terminal of the job. Comments lead to `link`, if there is one.
 
     A comment (`markdown`) is written only where something changed; an older one is removed then. The step summary of
     `github` is appended, as the runner wants it. Raises ConfigError where the file can't be written.
     """
-    text = FORMATS[kind](comparison)
+    text = comment(comparison, link) if FORMATS[kind] is comment else FORMATS[kind](comparison)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if kind == "github":

@@ -1,15 +1,16 @@
-"""A short comment in Markdown: one table, the worst changes, and a picture of the intervals."""
+"""A short comment in Markdown: one table, the worst changes, a picture of the intervals, and links."""
 
 from fbench.replay.data.comparison import Comparison, Row
 from fbench.replay.data.scores import DASH
 
 _MOST_ROWS, _MOST_OBJECTS = 15, 8
 _WIDTH, _MOST_NAME = 41, 50  # Characters of the picture, and of names before it
+_HELP = "https://github.com/fbench/fbench/blob/main/docs/ci.md"
 _SIGNS = {"REGRESSED": "❌", "INCONCLUSIVE": "❔", "improved": "✅", "changed": "🔶"}
 
 
-def comment(comparison: Comparison) -> str:
-    """Return the comment; empty where nothing changed."""
+def comment(comparison: Comparison, link: str = "") -> str:
+    """Return the comment; empty where nothing changed. `link`: address of the job, whose files tell more."""
     if comparison.state == "identical":
         return ""
     gating = list(comparison.gating)
@@ -37,8 +38,8 @@ def comment(comparison: Comparison) -> str:
             "",
             "</details>",
         ]
-    link = "https://github.com/fbench/fbench/blob/main/docs/ci.md"
-    return "\n".join([*lines, "", f"[How to read this]({link})"]) + "\n"
+    job = f"[Report and files of this run]({link}) · " if link else ""
+    return "\n".join([*lines, "", f"{job}[How to read this]({_HELP})"]) + "\n"
 
 
 def _line(row: Row) -> str:

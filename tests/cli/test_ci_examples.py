@@ -56,13 +56,16 @@ def call(folder: Path, command: str, **env: str) -> subprocess.CompletedProcess[
     return subprocess.run(words, cwd=folder, env=full, capture_output=True, text=True, check=False)
 
 
+GITHUB = {"GITHUB_SERVER_URL": "https://git.example", "GITHUB_REPOSITORY": "ada/cars", "GITHUB_RUN_ID": "17"}
+
+
 def run_job(folder: Path) -> tuple[int, str]:
     """Run the steps of GitHub's job that are fbench's; returns the exit code and the step summary."""
     job = YAML(typ="safe").load((EXAMPLES / "github.yml").read_text(encoding="utf-8"))["jobs"]["gate"]
     summary, code = folder / "summary.md", 0
     for step in job["steps"]:
         if code == 0 and step.get("run", "").startswith("fbench"):
-            code = call(folder, step["run"], GITHUB_STEP_SUMMARY=str(summary)).returncode
+            code = call(folder, step["run"], GITHUB_STEP_SUMMARY=str(summary), **GITHUB).returncode
     return code, summary.read_text(encoding="utf-8")
 
 
@@ -88,6 +91,7 @@ def test_a_branch_that_is_worse_turns_the_job_red(tmp_path: Path) -> None:
         assert call(tmp_path, f"git clone -q --branch {branch} home {branch}").returncode == 0
     code, summary = run_job(tmp_path / "worse")
     assert code == 1
+    assert "[Report and files of this run](https://git.example/ada/cars/actions/runs/17)" in summary
     assert summary.startswith("### fbench: REGRESSED: my\\_pipeline-MyPipeline: f1, vehicle")
     assert (tmp_path / "worse/comment.md").read_text(encoding="utf-8") == summary
     code, summary = run_job(tmp_path / "main")

@@ -18,7 +18,7 @@ from fbench.replay.data.comparison import (
     Verdict,
     schema,
 )
-from fbench.reports.ci import FORMATS, parse_target, write_comparison
+from fbench.reports.ci import FORMATS, check_link, parse_target, write_comparison
 
 ROOT = Path(__file__).resolve().parents[2]
 ALLOWED = {
@@ -98,6 +98,23 @@ def test_a_comment_is_written_only_where_something_changed(tmp_path: Path) -> No
     assert "[" in text.split("```")[1]
     write_comparison(found("identical", row("identical")), "markdown", file)
     assert not file.exists()
+
+
+def test_a_comment_leads_to_its_job(tmp_path: Path) -> None:
+    file = tmp_path / "comment.md"
+    write_comparison(FAILED, "markdown", file, "https://ci.example/jobs/17?tab=files")
+    last = file.read_text(encoding="utf-8").splitlines()[-1]
+    assert last.startswith("[Report and files of this run](https://ci.example/jobs/17?tab=files) · [How to read")
+    write_comparison(FAILED, "junit", tmp_path / "gate.xml", "https://ci.example/jobs/17")
+    assert "ci.example" not in (tmp_path / "gate.xml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "text", ["javascript:alert(1)", "https://a b", "https://a.b/)[x](c", "https://a/\n", "//a", "x"]
+)
+def test_an_address_is_a_plain_one(text: str) -> None:
+    with pytest.raises(ConfigError, match="--link"):
+        check_link(text)
 
 
 def test_of_several_cells_changes_and_intervals_say_whose_they_are() -> None:
