@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
     from fbench.api.profiles import ProfileRequest, RecordedProfile, profile
     from fbench.api.relations import Relations, check_relations
-    from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify
+    from fbench.api.replays import replay, verify
+    from fbench.api.runs import OpenRun, RunComparison, compare, open_run, report
     from fbench.api.scores import FileScoreRequest, Resampling, ScoreRequest, ScoreResult, score, score_files
     from fbench.api.suites.bench import BenchRequest, OpenSuite, bench
     from fbench.api.sweeps import RateSweep, SweepRequest, sweep
@@ -27,7 +28,8 @@ _HOMES = {
     "api.logs": ("OpenLog", "SimulateRequest", "open_log", "simulate"),
     "api.profiles": ("ProfileRequest", "RecordedProfile", "profile"),
     "api.relations": ("Relations", "check_relations"),
-    "api.runs": ("OpenRun", "RunComparison", "compare", "open_run", "replay", "report", "verify"),
+    "api.replays": ("replay", "verify"),
+    "api.runs": ("OpenRun", "RunComparison", "compare", "open_run", "report"),
     "api.scores": ("FileScoreRequest", "Resampling", "ScoreRequest", "ScoreResult", "score", "score_files"),
     "api.suites.bench": ("BenchRequest", "OpenSuite", "bench"),
     "api.sweeps": ("RateSweep", "SweepRequest", "sweep"),

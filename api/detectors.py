@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.metrics.core.slices import RANGES_M, VEHICLE, Part, ground_range
 from fbench.metrics.detection.outcomes import compare_class, judge_detections
 from fbench.metrics.detection.scores import Ranking, detection_counts

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from fbench.api.runs import name_pipeline, replay
+from fbench.api.replays import name_pipeline, replay
 from fbench.metrics.latency import BUDGET_MS, summarize, warm_up_frames
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.arrays import Float64

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fbench.api.runs import make_plan, name_pipeline, open_requested
+from fbench.api.replays import make_plan, name_pipeline, open_requested
 from fbench.api.scores import score_folder
 from fbench.metrics.comparison.cells import CellName, CellPair, CellSide
 from fbench.metrics.comparison.reference import compare_by_base

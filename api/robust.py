@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from fbench.api.runs import short_name
+from fbench.api.replays import short_name
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.suite import SuiteCell
 from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap

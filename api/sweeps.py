@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 from shutil import copytree
 
-from fbench.api.runs import name_pipeline, replay
+from fbench.api.replays import name_pipeline, replay
 from fbench.api.scores import IN_LOCKSTEP, score_folder
 from fbench.api.suites.runner import share_memory
 from fbench.metrics.latency import warm_up_frames

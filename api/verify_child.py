@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from fbench.api.runs import make_plan, open_requested
+from fbench.api.replays import make_plan, open_requested
 from fbench.api.scores import IN_LOCKSTEP, score_folder
 from fbench.api.suites.cells import own_stdout
 from fbench.replay.check.difference import TASK, WATCH, VerifyTask, WatchedPipeline, WatchedReader, convert_to

@@ -21,7 +21,7 @@ import numpy as np
 from common import write_missing
 from scipy.spatial.transform import Rotation
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition

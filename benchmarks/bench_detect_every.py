@@ -13,7 +13,7 @@ from pathlib import Path
 
 from common import write_drive
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.metrics.latency import count_frames, warm_up_frames
 from fbench.metrics.runs.combine import combine_runs, measure_run
 from fbench.replay.data.scores import ScoreOptions

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from common import write_missing
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, LidarSpec, RadarSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec, WorldName

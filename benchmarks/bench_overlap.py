@@ -14,7 +14,7 @@ from statistics import median
 
 from common import write_drive
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from common import threads, write_drive
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.metrics.latency import nearest_rank, warm_up_frames
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.host import describe_host

@@ -19,7 +19,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.api.suites.cells import RESPONSE, Response, folder_of
 from fbench.api.suites.run import run_suite
 from fbench.api.suites.runner import RunOptions

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from fbench.api.runs import short_name
+from fbench.api.replays import short_name
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.logs import Drive
 from fbench.api.suites.suite import SuiteCell

@@ -47,7 +47,7 @@ def check(
     """Read a whole log and report what is wrong: exit 0 clean, 1 findings, 3 unreadable."""
     from contextlib import nullcontext
 
-    from fbench.api.runs import open_requested, short_name
+    from fbench.api.replays import open_requested, short_name
     from fbench.replay.check.findings import require_codes
     from fbench.replay.check.log_check import CheckOptions, check_log
     from fbench.replay.contracts.faults import FaultLog, explain_losses

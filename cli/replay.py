@@ -68,8 +68,8 @@ def replay(
     json: options.Json = False,
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
-    from fbench.api.runs import name_pipeline
-    from fbench.api.runs import replay as replay_log
+    from fbench.api.replays import name_pipeline
+    from fbench.api.replays import replay as replay_log
     from fbench.cli.run_summary import require_coverage, show_run
     from fbench.cli.show import frame_progress, plugin_output, show_traceback
     from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK

@@ -60,8 +60,8 @@ def verify(
     json: options.Json = False,
 ) -> None:
     """Replay in fresh processes under other rates, containers, hash seeds and threads, and name what differs first."""
-    from fbench.api.runs import short_name
-    from fbench.api.runs import verify as verify_replay
+    from fbench.api.replays import short_name
+    from fbench.api.replays import verify as verify_replay
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline
     from fbench.replay.setup.source import LogRequest
 
@@ -123,7 +123,7 @@ def _print(found: "Verified") -> None:
 def _check_relations(request: "ReplayRequest", log: Path, keep: Path | None, json: bool) -> int:
     """Replay under relations, print what holds, and return the exit code."""
     from fbench.api.relations import check_relations
-    from fbench.api.runs import short_name
+    from fbench.api.replays import short_name
 
     with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress, plugin_output():
         found = check_relations(request, keep, progress)

@@ -10,7 +10,7 @@ from itertools import product
 from pathlib import Path
 from typing import TypeVar
 
-from fbench.api.runs import short_name
+from fbench.api.replays import short_name
 from fbench.api.suites.file import LogTable, PipelineTable, Place, ReplayTable, SuiteText, field_names
 from fbench.api.suites.logs import Drive
 from fbench.api.suites.store import find_logs, is_url, log_place

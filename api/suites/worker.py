@@ -12,7 +12,7 @@ import time
 from queue import SimpleQueue
 from types import FrameType
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.api.suites.cells import RESPONSE, Response, own_stdout
 from fbench.replay.contracts.errors import BusyError, FbenchError, TerminatedError, one_line
 from fbench.replay.engine.shared import SharedLogs

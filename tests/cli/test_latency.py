@@ -8,7 +8,7 @@ from tests.cli.conftest import messages as make_messages
 from tests.cli.conftest import rig, truths, write_log
 from tests.cli.test_score_truth import rows as truth_rows
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from tests.cli import conftest as c
 
-from fbench.api.runs import keep_stderr
+from fbench.api.replays import keep_stderr
 from fbench.cli import main
 from fbench.metrics.criticality.scores import RULES
 from fbench.replay.data.messages import Pose

@@ -6,7 +6,7 @@ import shutil
 import pytest
 from tests.city_log import write_city_log
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 

@@ -8,7 +8,7 @@ import pytest
 from tests.datasets.astyx.conftest import OBJECTS
 from tests.replay.formats.exports import exported
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.datasets.astyx import Astyx
 from fbench.datasets.importing.run import ImportedLog, import_one
 from fbench.replay.check.survey import survey

@@ -6,7 +6,7 @@ import pytest
 from tests.city_log import SMALL_RIG
 from tests.kept_cities import kept
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tests.cli.conftest import messages, rig, truths, write_log
 
-from fbench.api.runs import replay
+from fbench.api.replays import replay
 from fbench.replay.engine.shared import SharedLogs
 from fbench.replay.runs.folder import Run
 from fbench.replay.setup.request import ReplayRequest
