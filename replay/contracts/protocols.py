@@ -284,6 +284,11 @@ class KeepsStderr(Protocol):
     def stderr(self) -> bytes:
         """What it wrote to stderr until now, bounded; may be any bytes."""
 
+
+@runtime_checkable
+class TellsCpuTime(Protocol):
+    """A pipeline that works in another process."""
+
     def cpu_ns(self) -> int | None:
         """CPU time [ns] that the program that runs has used; `None`: unknown, or none runs."""
 

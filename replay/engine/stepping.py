@@ -16,7 +16,7 @@ from fbench.replay.contracts.errors import (
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.params import synchronize_cuda
 from fbench.replay.contracts.plugins import guard
-from fbench.replay.contracts.protocols import KeepsStderr, Overlaps, Pipeline, SkipsFrames
+from fbench.replay.contracts.protocols import Overlaps, Pipeline, SkipsFrames, TellsCpuTime
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.engine.cleaning import OutputCheck
@@ -93,7 +93,7 @@ class Stepper:
     def _cpu_ns(self) -> int | None:
         """CPU time so far of the process that the pipeline runs in."""
         pipeline = self._plan.pipeline
-        return pipeline.cpu_ns() if isinstance(pipeline, KeepsStderr) else time.process_time_ns()
+        return pipeline.cpu_ns() if isinstance(pipeline, TellsCpuTime) else time.process_time_ns()
 
     def skip(self, frame: Frame) -> None:
         """Tell the pipeline of a frame that it doesn't get, if it wants to know."""

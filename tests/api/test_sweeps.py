@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.cli.conftest import fbench, log  # noqa: F401
+from tests.cli.conftest import car_log, fbench, log  # noqa: F401
 
 from fbench.api.sweeps import SweepRequest, find_sustainable_rate
 from fbench.replay.contracts.errors import ConfigError, RunError

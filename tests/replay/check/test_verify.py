@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.cli.conftest import circumstances, fbench, in_this_process, log, messages, write_log
+from tests.cli.conftest import car_log, circumstances, fbench, in_this_process, log, messages, write_log
 from tests.cli.test_recorded import drive, write
 from tests.replay.logs.test_two_types_of_tf import TYPES, cloud, transform, write_bag
 
@@ -16,7 +16,7 @@ from fbench.replay.runs.folder import FrameRecord, Run
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
 
-__all__ = ["circumstances", "fbench", "in_this_process", "log"]
+__all__ = ["car_log", "circumstances", "fbench", "in_this_process", "log"]
 
 PIPELINE = """
 import random, time
