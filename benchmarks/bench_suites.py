@@ -6,8 +6,9 @@
 
 `scheduling` runs N cells whose processes write one small file each, and prints CPU time a cell and the memory at both
 ends: CPU time, because other programs may have the cores. `sleeping` runs cells that wait, by one and by two processes,
-or by a Dask scheduler, whose workers need PYTHONPATH=benchmarks and FBENCH_BENCH_SLEEP_S=S. `sharing` replays a log under 4 weathers x 5 severities through each pipeline, one process, with
-and without shared messages, compares the run folders, and prints the CPU time of both.
+or by a Dask scheduler, whose workers need PYTHONPATH=benchmarks and FBENCH_BENCH_SLEEP_S=S. `sharing` replays a log
+under 4 weathers x 5 severities through each pipeline, one process, with and without shared messages, compares the run
+folders, and prints the CPU time of both.
 """
 
 import argparse
