@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -134,9 +135,12 @@ def _find_file(weights: str) -> Path:
 
 
 def _name_detectors(weights: Sequence[str]) -> list[str]:
-    """Names without folder and suffix; numbered where two files have one name."""
-    stems = [Path(one).stem for one in weights]
-    return [stem if stems.count(stem) == 1 else f"{stem}-{num}" for num, stem in enumerate(stems, 1)]
+    """Names without folder and suffix; numbered where one is taken, as by a file of the comparison."""
+    names = list[str]()
+    for stem in (Path(one).stem for one in weights):
+        candidates = chain((stem,), (f"{stem}-{num}" for num in count(2)))
+        names.append(next(name for name in candidates if name not in (*names, RESULT, PAGE)))
+    return names
 
 
 def _measure(run: Run, view: View, name: str, model: ModelFacts) -> DetectorRow:
@@ -221,7 +225,8 @@ def _page(found: DetectorComparison) -> Page:
     shares = [(i / 5, f"{i / 5:g}") for i in range(6)]
     charts = [
         Chart("Average precision", Axis("mean time of an image without tracking, ms"),
-              [Curve(row.name, [(row.stage_ms.get("total") or 0.0, row.ap)]) for row in found.rows]),
+              [Curve(row.name, [] if (ms := row.stage_ms.get("total")) is None else [(ms, row.ap)])
+               for row in found.rows]),
         Chart("Precision", Axis("recall", shares), [Curve(row.name, row.curve) for row in found.rows]),
     ]  # fmt: skip
     if ticks:

@@ -16,7 +16,7 @@ from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
-from fbench.replay.contracts.protocols import KeepsStderr, Overlaps, Pipeline, Reader
+from fbench.replay.contracts.protocols import KeepsStderr, Overlaps, Pipeline, Reader, UsesLog
 from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text
 from fbench.replay.engine.clock import Pace, make_clock
@@ -142,7 +142,7 @@ def replay(
             failed=failed,
         )
         give_log(pipeline, name, lambda: options.log.open(faults))
-        if request.overlap > 1 and isinstance(pipeline, Overlaps):
+        if request.overlap > 1 and isinstance(pipeline, Overlaps) and not isinstance(pipeline, UsesLog):
             with guard(f"pipeline '{name}' can't overlap frames"):
                 processes = Overlap(request.pipeline, options.settings, request.overlap)
                 plan = replace(plan, overlap=opened.enter_context(processes))

@@ -52,6 +52,8 @@ def compare(
         raise ConfigError("--tolerance goes without --policy, which has a tolerance for each gate")
     url = check_link(link) if link else ""
     targets = [parse_target(text) for text in write or ()]
+    if url and not any(kind in ("markdown", "github") for kind, _ in targets):
+        raise ConfigError("--link: is for a comment; give --write markdown=FILE or github=FILE")
     comparison = compare_runs(base, head, tolerance or 0.0, policy, reference).comparison
     for kind, path in targets:
         sys.stderr.writelines(f"{line}\n" for line in write_comparison(comparison, kind, path, url))

@@ -219,7 +219,7 @@ def _require_regions(text: SuiteText, logs: Sequence[SuiteLog]) -> None:
         return
     known: dict[str, None] = {}
     for log in logs:
-        with suppress(LogError):  # of a damaged one the cell will say so
+        with _Place(text, log.place), suppress(LogError):  # of a damaged one the cell will say so
             regions = log_source(log.request).open(FaultLog()).info.regions
             known |= dict.fromkeys(region.kind for region in regions)
     for number, kind in enumerate(kinds):

@@ -22,7 +22,7 @@ from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.sensors.radar.stage import RadarParams, RadarStage
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
-from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.stage import Detected, Memory, TrackingPipeline
 from fbench.pipelines.tracking.trackers import B, Tracker, Tracker2D, Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -156,6 +156,7 @@ class OneCloud(FusionPipeline[B]):
     def __init__(self, params: OneCloudParams, fusion: EarlyParams, tracker: Tracker[B, Any]) -> None:
         super().__init__(params, fusion.camera_share, tracker)
         self._one_cloud, self._echoes = params, fusion.echoes
+        self._learning: tuple[Memory, ...] = ()  # Of what is made of the cloud
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig. Raises ConfigError where a camera that is named isn't there. Raises LogError
@@ -171,7 +172,7 @@ class OneCloud(FusionPipeline[B]):
         self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
         self._radar = RadarStage(rig, log_info, params.radar, settings)
-        self._remember(self._depth)
+        self._remember(self._depth, *self._learning)
         super().start(rig, log_info)
 
     def required_sensors(self) -> tuple[str, ...]:
@@ -223,7 +224,7 @@ class Early2D(OneCloud[Boxes2D]):
         usual: Literal["points", "boxes"] = "points" if SIMULATED in log_info.metadata else "boxes"
         fusion = replace(fusion, outline=fusion.outline or usual)
         self._fusion = EarlyImageFusion(projectable(self.name, rig, log_info), fusion)
-        self._remember(self._fusion)
+        self._learning = (self._fusion,)
         super().start(rig, log_info)
 
     def _fuse(self, scene: Scene, depth: DepthView) -> Boxes2D:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fbench.replay.contracts.conditions import NUM_LEVELS, Condition, MakesWeather, Part, require_levels
 from fbench.replay.contracts.errors import ConfigError, did_you_mean, first_wrong
-from fbench.replay.contracts.plugins import entry_points_of, make_condition
+from fbench.replay.contracts.plugins import entry_points_of, guard, make_condition
 from fbench.replay.data.rig import KINDS
 from fbench.replay.formats.documents import TomlError, parse_toml
 
@@ -83,7 +83,8 @@ def _make(where: str, text: str, strength: str, sensors: str, from_ns: int | Non
     level = make_level(where, name, condition, strength)
     if level is not None and isinstance(condition, MakesWeather):
         try:
-            condition.weather(level)
+            with guard(f"{where}: condition '{name}' has no weather"):
+                condition.weather(level)
         except ConfigError as error:
             raise ConfigError(f"{where}: {error}") from error
     label = Path(name).name if _FILE in name else name  # random numbers don't depend on where a file lies

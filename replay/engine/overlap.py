@@ -29,7 +29,8 @@ from fbench.replay.engine.warm_up import WarmUp
 from fbench.replay.geometry.threads import VARIABLE
 
 MOST_PROCESSES = 256
-_AHEAD = 2  # Frames that each process has, so that it needn't wait for the next one
+_AHEAD = 2  # Frames that are read in advance for each process
+_MOST_ORDERS = 100  # That wait for the next frame
 _END_S = 2.0  # To end by itself; then it is killed
 _PROGRAM = "import sys; from fbench.replay.engine.overlap import main; sys.exit(main(sys.argv[1:]))"
 
@@ -76,6 +77,9 @@ class _Process:
     def tell(self, kind: str, content: Any) -> None:
         """Give it something to do before the next frame."""
         self._orders.append((kind, content))
+        if len(self._orders) > _MOST_ORDERS:  # as where no frame can be sent
+            orders, self._orders = self._orders, []
+            self._thread.submit(self._send, orders)
 
     def observe(self, frame: Frame) -> Future[ObservedFrame]:
         """Have it observe a frame."""
@@ -97,9 +101,12 @@ class _Process:
         self._connection.close()
 
     def _ask(self, orders: list[_Order]) -> ObservedFrame:
+        self._send(orders)
+        return self._receive()
+
+    def _send(self, orders: list[_Order]) -> None:
         with suppress(OSError):  # then there is no answer, either
             self._connection.send(orders)
-        return self._receive()
 
     def _receive(self) -> ObservedFrame:
         try:
@@ -109,6 +116,8 @@ class _Process:
                 self._process.wait(_END_S)
             code = self._process.returncode
             raise RunError(f"--overlap: a process that observed frames ended (exit code {code})") from None
+        except Exception as error:  # of a plug-in's class
+            raise RunError(f"--overlap: what `observe` returned can't be read: {one_line(error)}") from error
         if isinstance(answer, str):
             raise RunError(f"--overlap: a process can't observe frames: {answer}")
         return answer
@@ -150,6 +159,7 @@ class Overlap:
         `disturb` makes the rig that the pipeline is given. `used`: sensors whose messages it looks at; `None`: at all.
         """
         waiting, number = deque[tuple[Frame, Rig, Future[ObservedFrame] | None]](), 0
+        first: Rig | None = None
         known: Rig | None = None
         segment: int | None = None
         for frame, rig in frames:
@@ -158,8 +168,9 @@ class Overlap:
                     process.tell("start", (disturb(rig), info))
                 if frame.segment != segment:
                     process.tell("reset", f"segment {frame.segment} begins")
-            known, segment = rig, frame.segment
-            is_video = any(isinstance(m, Image) and m.video is not None for m in frame.messages.values())
+            first, known, segment = first or rig, rig, frame.segment
+            sent = _strip(frame, used if rig is first else None)  # what is used may change with the rig
+            is_video = any(isinstance(m, Image) and m.video is not None for m in sent.messages.values())
             chosen = None if is_video else self._processes[number % self.num]
             poses = replace(frame, messages={name: m for name, m in frame.messages.items() if isinstance(m, Pose)})
             for process in self._processes:
@@ -168,7 +179,7 @@ class Overlap:
             if chosen is None:
                 waiting.append((frame, rig, None))
             else:
-                waiting.append((frame, rig, chosen.observe(_strip(frame, used))))
+                waiting.append((frame, rig, chosen.observe(sent)))
                 number += 1
             if len(waiting) > _AHEAD * self.num:
                 yield _result(waiting.popleft())
@@ -226,7 +237,8 @@ def _observe(pipeline: Overlaps, frame: Frame, warm_up: WarmUp) -> ObservedFrame
     except INTERRUPTS:
         raise
     except BaseException as error:  # noqa: BLE001 - it is a fault of the frame
-        seen = ObservedFrame(failed=one_line(error), is_missing=isinstance(error, MissingPackageError))
+        is_missing = isinstance(error, MissingPackageError)
+        seen = ObservedFrame(failed=str(error) if is_missing else one_line(error), is_missing=is_missing)
     synchronize_cuda()
     wall_ns, cpu_ns = time.perf_counter_ns() - start, time.process_time_ns() - cpu_start
     return replace(seen, wall_ns=wall_ns, cpu_ns=cpu_ns, compiled=warm_up.count() > num_compiled)

@@ -92,8 +92,11 @@ class Stepper:
 
     def _cpu_ns(self) -> int | None:
         """CPU time so far of the process that the pipeline runs in."""
-        pipeline = self._plan.pipeline
-        return pipeline.cpu_ns() if isinstance(pipeline, TellsCpuTime) else time.process_time_ns()
+        if not isinstance(self._plan.pipeline, TellsCpuTime):
+            return time.process_time_ns()
+        with guard(f"pipeline '{self._plan.name}' can't tell its CPU time"):
+            used_ns: object = self._plan.pipeline.cpu_ns()
+        return used_ns if isinstance(used_ns, int) else None
 
     def skip(self, frame: Frame) -> None:
         """Tell the pipeline of a frame that it doesn't get, if it wants to know."""

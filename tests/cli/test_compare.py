@@ -66,6 +66,8 @@ def test_without_labels_the_base_is_the_reference(fbench, runs):
         (("--policy", "no.toml"), 2, "no.toml: can't be read"),
         (("--policy", "x", "--tolerance", "1"), 2, "--tolerance goes without --policy"),
         (("--write", "junti=x"), 2, "did you mean 'junit'"),
+        (("--link", "https://ci.example/17"), 2, "--link: is for a comment; give --write markdown=FILE"),
+        (("--link", "ci.example", "--write", "markdown=x.md"), 2, "expected an address such as https://"),
     ],
 )
 def test_wrong_options(fbench, runs, words, code, said):

@@ -47,6 +47,14 @@ class Dies(Good):
 class CantBeSent(Good):
     def observe(self, frame): return lambda: 1
 
+class CantBeRead(Good):
+    class Odd:
+        def __reduce__(self): return int, ("x",)
+    def observe(self, frame): return self.Odd()
+
+class HasNoClock(Good):
+    def cpu_ns(self): return {}["cpu"]
+
 class Waits(Good):
     def misbehave(self, frame):
         open(f"pid{os.getpid()}", "w").close()
@@ -99,13 +107,24 @@ def test_a_plugin_sees_each_frame_once_and_a_failed_frame_is_the_same_fault(fben
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "what"), [("Dies", "ended (exit code 7)"), ("CantBeSent", "what `observe` returned can't be sent")]
+    ("name", "what"),
+    [
+        ("Dies", "ended (exit code 7)"),
+        ("CantBeSent", "what `observe` returned can't be sent"),
+        ("CantBeRead", "what `observe` returned can't be read"),
+    ],
 )
 def test_a_lost_process_ends_the_replay_in_one_line(fbench, log, plugin, name: str, what: str) -> None:
     result = fbench("replay", log, "-p", f"{plugin}:{name}", "--overlap", 2, "-o", "run")
     assert result.code == 3
     assert what in result.err
     assert not Path("run").exists()
+
+
+def test_a_plugin_that_cant_tell_its_cpu_time_is_one_line(fbench, log, plugin) -> None:
+    result = fbench("replay", log, "-p", f"{plugin}:HasNoClock", "-o", "run")
+    assert (result.code, result.err.count("\n")) == (3, 1)
+    assert "can't tell its CPU time: KeyError: 'cpu'" in result.err
 
 
 def test_pipelines_that_dont_say_so_run_one_frame_after_the_other(fbench, log, plugin) -> None:

@@ -8,6 +8,7 @@ import pytest
 from tests.cli.conftest import messages, write_log
 from tests.pipelines.conftest import constant_model  # noqa: F401 - fixture
 
+from fbench.api.detectors import _name_detectors
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.messages import Truth
 
@@ -88,7 +89,12 @@ def test_two_files_of_one_name(fbench, drive, sees):
     second = first.rename("other/net.onnx")
     first = sees("net.onnx", (FAR, 0.9))
     found = fbench("weights", "compare", drive, first, second, "-o", "found", "--json")
-    assert [row["name"] for row in json.loads(found.out)["detectors"]] == ["net-1", "net-2"]
+    assert [row["name"] for row in json.loads(found.out)["detectors"]] == ["net", "net-2"]
+
+
+def test_names_are_taken_once() -> None:
+    given = ["x/a.onnx", "y/a.onnx", "a-2.onnx", "weights.json.onnx", "z/a.onnx"]
+    assert _name_detectors(given) == ["a", "a-2", "a-2-2", "weights.json-2", "a-3"]
 
 
 def test_bad_input(fbench, drive, sees, tmp_path):

@@ -183,3 +183,16 @@ def test_wrong_parameters():
             params(detect_every=0)
     with pytest.raises(ConfigError, match="min_score"):
         replace(Lidar2DParams(), min_score=2.0)
+
+
+def test_what_remembers_is_forgotten_where_a_segment_begins(fusion: Early2D | Late2D) -> None:
+    class Watch:
+        was_reset = False
+
+        def reset(self) -> None:
+            self.was_reset = True
+
+    watch = Watch()
+    fusion._fusion._reliability = watch
+    fusion.reset("segment 1 begins")
+    assert watch.was_reset

@@ -3,7 +3,7 @@
 import pytest
 
 from fbench.replay.conditions.spec import load_condition, parse_conditions, split_name, with_absolute_files
-from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError, RunError
 
 
 def parse(text):
@@ -146,6 +146,14 @@ def test_classes_that_are_no_conditions(tmp_path, body, words):
     file.write_text(body)
     with pytest.raises(ConfigError, match=words.replace("(", r"\(").replace(")", r"\)")):
         load_condition(f"{file}:Bad")
+
+
+def test_weather_that_raises_is_one_line(tmp_path):
+    file = tmp_path / "bad.py"
+    body = "class Bad:\n    version, kinds, levels = 1, ('lidar',), {'a': (1, 2, 3, 4, 5)}\n    disturb = print\n"
+    file.write_text(body + "    def weather(self, level): return 1 / 0\n")
+    with pytest.raises(RunError, match="has no weather: ZeroDivisionError: division by zero"):
+        parse_conditions(f"{file}:Bad:3")
 
 
 def test_files_are_found_from_any_folder(tmp_path, monkeypatch):
