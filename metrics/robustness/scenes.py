@@ -13,6 +13,7 @@ Space = str  # `image` or `3D`
 SPACES: Mapping[Space, str] = {"image": "iou ", "3D": "bev "}  # How the matching of each begins
 CLEAR = "clear"
 _CLASS = "vehicle"
+_LEAST_F1 = 0.1  # In clear weather, for a relative change: one more object found would be tens of percent
 _COUNTS = ("tp", "fp", "fn", "gt", "idsw")
 
 
@@ -89,6 +90,6 @@ def change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
         return Figure(None, f"no F1 in {CLEAR}: {base.reason}", counts)
     if found.value is None:
         return Figure(None, f"no F1 in {condition}: {found.reason}", counts)
-    if base.value == 0:
-        return Figure(None, f"F1 is 0 in {CLEAR}", counts)
+    if base.value < _LEAST_F1:
+        return Figure(None, f"F1 is {base.value:.3g} in {CLEAR}, too little for a relative change", counts)
     return Figure((found.value - base.value) / base.value, None, counts)

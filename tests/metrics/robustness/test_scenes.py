@@ -84,7 +84,11 @@ def test_change_compares_only_scenes_that_have_both():
 @pytest.mark.parametrize(
     ("runs", "reason"),
     [
-        ([run(f1(0, 3, 5)), run(f1(4, 1, 6), condition="fog")], "F1 is 0 in clear"),
+        ([run(f1(0, 3, 5)), run(f1(4, 1, 6), condition="fog")], "F1 is 0 in clear, too little for a relative change"),
+        (
+            [run(f1(1, 9, 11)), run(f1(4, 1, 6), condition="fog")],
+            "F1 is 0.0909 in clear, too little for a relative change",
+        ),
         ([run(f1(0, 0, 0)), run(f1(4, 1, 6), condition="fog")], "no F1 in clear: no boxes"),
         ([run(f1(4, 1, 6)), run(f1(0, 0, 0), condition="fog")], "no F1 in fog: no boxes"),
         ([run(f1(4, 1, 6))], "no scene was run both in clear and in fog"),
