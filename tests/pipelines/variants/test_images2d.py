@@ -185,14 +185,10 @@ def test_wrong_parameters():
         replace(Lidar2DParams(), min_score=2.0)
 
 
-def test_what_remembers_is_forgotten_where_a_segment_begins(fusion: Early2D | Late2D) -> None:
-    class Watch:
-        was_reset = False
-
-        def reset(self) -> None:
-            self.was_reset = True
-
-    watch = Watch()
-    fusion._fusion._reliability = watch
+def test_what_remembers_is_forgotten_where_a_segment_begins(
+    fusion: Early2D | Late2D, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = list[str]()
+    monkeypatch.setattr(fusion._fusion._reliability, "reset", lambda: calls.append("reset"))
     fusion.reset("segment 1 begins")
-    assert watch.was_reset
+    assert calls == ["reset"]

@@ -1,6 +1,7 @@
 """Which frames processes get, and what waits for them; processes themselves are replaced."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,6 +44,13 @@ def single(monkeypatch: pytest.MonkeyPatch) -> Overlap:
     return Overlap("mine", [], 1)
 
 
+def sent_to(single: Overlap) -> list[Frame]:
+    """Frames that its process got."""
+    (process,) = single._processes
+    assert isinstance(process, Process)
+    return process.sent
+
+
 class NoPicture:
     def frame(self, index: int) -> None:
         return None
@@ -59,8 +67,7 @@ def frame(index: int) -> Frame:
 def test_video_that_nobody_looks_at_keeps_no_frame_back(single: Overlap) -> None:
     found = list(single.run([(frame(0), RIG), (frame(1), RIG)], INFO, lambda rig: rig, {"lidar"}))
     assert [observed is None for _, _, observed in found] == [False, False]
-    (process,) = single._processes
-    assert [list(sent.messages) for sent in process.sent] == [["lidar"], ["lidar"]]
+    assert [list(sent.messages) for sent in sent_to(single)] == [["lidar"], ["lidar"]]
 
 
 def test_video_that_is_used_is_observed_by_the_replay_itself(single: Overlap) -> None:
@@ -72,8 +79,7 @@ def test_after_a_change_of_the_rig_all_is_sent(single: Overlap) -> None:
     cloud = frame(0).messages["lidar"]
     frames = [(Frame(i, i, 0, {"lidar": cloud, "other": cloud}), rig) for i, rig in enumerate((RIG, OTHER))]
     list(single.run(frames, INFO, lambda rig: rig, {"lidar"}))
-    (process,) = single._processes
-    assert [sorted(sent.messages) for sent in process.sent] == [["lidar"], ["lidar", "other"]]
+    assert [sorted(sent.messages) for sent in sent_to(single)] == [["lidar"], ["lidar", "other"]]
 
 
 def test_what_waits_for_a_frame_doesnt_grow_with_the_log() -> None:
@@ -84,7 +90,8 @@ def test_what_waits_for_a_frame_doesnt_grow_with_the_log() -> None:
             self.num += len(orders)
 
     process, wire = overlap._Process.__new__(overlap._Process), Wire()
-    process._orders, process._thread, process._connection = [], ThreadPoolExecutor(1), wire
+    connection: Any = wire
+    process._orders, process._thread, process._connection = [], ThreadPoolExecutor(1), connection
     for i in range(1000):
         process.tell("pass_by", i)
     assert len(process._orders) <= 100
