@@ -64,15 +64,15 @@ def _count(column: int) -> Callable[[Float64], Float64]:
     return lambda n: np.asarray(n[..., column], np.float64)
 
 
-def _weighted_recall(n: Float64) -> Float64:
+def _rate_recall_by_weight(n: Float64) -> Float64:
     return _ratio(n[..., 2], n[..., 3])
 
 
-def _weighted_f1(n: Float64) -> Float64:
+def _rate_f1_by_weight(n: Float64) -> Float64:
     return _ratio(2 * n[..., 2], n[..., 2] + n[..., 3] + n[..., 4])
 
 
-def _weighted_mota(n: Float64) -> Float64:
+def _rate_mota_by_weight(n: Float64) -> Float64:
     return _ratio(n[..., 2] - n[..., 4] - n[..., 5], n[..., 3])
 
 
@@ -80,11 +80,11 @@ RATIOS: Mapping[str, Mapping[str, Callable[[Float64], Float64]]] = {
     "detection": {"f1": _f1, "precision": _precision, "recall": _recall},
     "tracking": {"mota": _mota, "mota_no_fp": _mota_no_fp, "idf1": _idf1, "idsw": _count(3)},
     "critical detection": {
-        "critical_misses": _count(0), "critical_false_alarms": _count(1), "weighted_recall": _weighted_recall,
-        "weighted_f1": _weighted_f1,
+        "critical_misses": _count(0), "critical_false_alarms": _count(1), "weighted_recall": _rate_recall_by_weight,
+        "weighted_f1": _rate_f1_by_weight,
     },
     "critical tracking": {
-        "critical_untracked": _count(0), "critical_false_tracks": _count(1), "weighted_mota": _weighted_mota,
+        "critical_untracked": _count(0), "critical_false_tracks": _count(1), "weighted_mota": _rate_mota_by_weight,
     },
 }  # fmt: skip
 """Metrics that are functions of counts (..., K), by what is counted. The identity of IDF1 is that of the whole log."""
