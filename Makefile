@@ -39,7 +39,7 @@ fuzz: $(VENV)/ready-test
 lint: $(VENV)/ready-test
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers 2
 
 bench: $(VENV)/ready-test
 	for file in benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done

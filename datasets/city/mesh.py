@@ -85,6 +85,14 @@ _NONE = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(
              np.zeros((0, 3), np.float32), np.zeros(0, np.int32))  # fmt: skip
 
 
+def cross(a: Float64, b: Float64) -> Float64:
+    """Return the cross products (N, 3) of vectors (N, 3): those of `np.cross`, which takes ten times as long for few."""
+    result = np.empty(a.shape)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
+    return result
+
+
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Join meshes into one, in their order."""
     every = [_NONE, *meshes]

@@ -85,18 +85,20 @@ class Hull:
         x, mid = self.profile.length_m / 2, self.profile.mid_m
         s = np.array([s_m[1], *self.s_m[(self.s_m > s_m[0] + 1e-3) & (self.s_m < s_m[1] - 1e-3)], s_m[0]])
         z = np.array([z_m[0], mid, z_m[1]] if z_m[0] + 0.02 < mid < z_m[1] - 0.02 else z_m)
-        points = np.array([(x - v, self._half_width(v, w) + proud_m, w) for v in s for w in z])
+        outline = self._outline(s)
+        half = np.concatenate([np.interp(z, line[:, 1], line[:, 0]) for line in outline])
+        points = np.column_stack([np.repeat(x - s, len(z)), half + proud_m, np.tile(z, len(s))])
         rows = len(z)
         i = (np.arange(len(s) - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
         tri = np.stack([i, i + 1, i + rows + 1, i, i + rows + 1, i + rows], axis=1).reshape(-1, 3)
         return skin_surface(points, tri, np.zeros(len(tri), int), [skin])
 
-    def _half_width(self, s_m: float, z_m: float) -> float:
-        s, half = self.s_m[::-1], self.half_m[::-1]
-        i = int(np.clip(np.searchsorted(s, s_m, side="right") - 1, 0, len(s) - 2))
-        share = (s_m - s[i]) / (s[i + 1] - s[i])
-        outline = half[i, :5] * (1 - share) + half[i + 1, :5] * share
-        return float(np.interp(z_m, outline[:, 1], outline[:, 0]))
+    def _outline(self, at_m: Float64) -> Float64:
+        """Return y and z (N, 5, 2) of the left half, up to the roof's edge, at distances (N,) from the nose."""
+        s, half = self.s_m[::-1], self.half_m[::-1, :5]
+        i = np.clip(np.searchsorted(s, at_m, side="right") - 1, 0, len(s) - 2)
+        share = ((at_m - s[i]) / (s[i + 1] - s[i]))[:, None, None]
+        return np.asarray(half[i] * (1 - share) + half[i + 1] * share, np.float64)
 
     def front(self, y_m: Pair, z_m: Pair, skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
         """Put a patch on the flat of the nose, from y to y and from height to height."""

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fbench.datasets.city.mesh import INDEX, Body, Mesh, Skin, merge_meshes, shift
+from fbench.datasets.city.mesh import INDEX, Body, Mesh, Skin, cross, merge_meshes, shift
 from fbench.replay.data.arrays import Array, Float64
 
 _LEAST_AREA_M2 = 1e-7  # Smaller triangles are left out: nothing would be seen through the gap
@@ -21,27 +22,34 @@ def shell(
     """
     num, around = sections_m.shape[:2]
     points = np.concatenate([sections_m.reshape(-1, 3), sections_m[[0, -1]].mean(1)])
+    stars = None if ends is None else tuple(not isinstance(end, int) for end in ends)
+    triangles, *fans = _join(num, around, stars)
+    skin: list[Array] = [np.repeat(np.ravel(cells), 2)]
+    skin += [np.broadcast_to(np.asarray(end), len(fan)) for end, fan in zip(ends or (), fans, strict=True)]
+    return skin_surface(points, np.concatenate([triangles, *fans]), np.concatenate(skin), palette)
+
+
+@lru_cache(256)
+def _join(num: int, around: int, stars: tuple[bool, ...] | None) -> list[Array]:
+    """Return the triangles between rings, and those of both ends: stars about their middles, or fans."""
     i = np.arange(around)
     j = (i + 1) % around
     cell = np.stack([i, j, j + around, i, j + around, i + around], axis=1)
-    tri = [(cell[None] + np.arange(num - 1)[:, None, None] * around).reshape(-1, 3)]
-    skin: list[Array] = [np.repeat(np.ravel(cells), 2)]
-    for at, end in ((0, ends[0]), (num - 1, ends[1])) if ends is not None else ():
-        if isinstance(end, int):
-            fan = np.column_stack([np.zeros(around - 2, int), i[1:-1], i[2:]])
-        else:  # a star about the end's middle
+    found = [(cell[None] + np.arange(num - 1)[:, None, None] * around).reshape(-1, 3)]
+    for at, is_star in zip((0, num - 1), stars or (), strict=stars is not None):
+        if is_star:
             fan = np.column_stack([np.full(around, num * around - at * around + (at > 0)), i, j])
-        tri.append((fan if at else fan[:, ::-1]) + at * around)
-        skin.append(np.broadcast_to(np.asarray(end), len(fan)))
-    return skin_surface(points, np.concatenate(tri), np.concatenate(skin), palette)
+        else:
+            fan = np.column_stack([np.zeros(around - 2, int), i[1:-1], i[2:]])
+        found.append((fan if at else fan[:, ::-1]) + at * around)
+    return found
 
 
 def skin_surface(vertices_m: Float64, triangles: Array, skin: Array, palette: Sequence[Skin]) -> Mesh:
     """Return the mesh of triangles (T, 3) whose skins (T,) are given by number; without those that have no area."""
     a, b, c = (vertices_m[triangles[:, k]] for k in range(3))
-    u, v = b - a, c - a
-    normal = np.stack([u[:, i] * v[:, j] - u[:, j] * v[:, i] for i, j in ((1, 2), (2, 0), (0, 1))])
-    keep = (normal * normal).sum(0) > (2 * _LEAST_AREA_M2) ** 2
+    normal = cross(b - a, c - a)
+    keep = (normal * normal).sum(1) > (2 * _LEAST_AREA_M2) ** 2
     skin = skin[keep]
     material = np.array([INDEX[s.material] for s in palette], np.uint8)[skin]
     color = np.array([s.color for s in palette], np.float32)[skin]
@@ -63,7 +71,7 @@ def tube(path_m: ArrayLike, radii_m: Array, num_sides: int, skins: Sequence[Skin
     axis = np.array([0.0, 0, 1]) if np.abs(tangent[:, 1]).max() > 0.8 else np.array([0.0, 1, 0])
     u = axis - (tangent * axis).sum(1, keepdims=True) * tangent
     u /= np.sqrt((u * u).sum(1, keepdims=True))
-    v = np.cross(tangent, u)
+    v = cross(tangent, u)
     angle = np.arange(num_sides) * (2 * np.pi / num_sides) + np.pi / num_sides
     across, along = radii[:, 0, None] * np.cos(angle), radii[:, -1, None] * np.sin(angle)
     rings = path[:, None] + across[..., None] * u[:, None] + along[..., None] * v[:, None]

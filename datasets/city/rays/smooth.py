@@ -8,7 +8,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 
-from fbench.datasets.city.mesh import Mesh
+from fbench.datasets.city.mesh import Mesh, cross
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.geometry.kernels import kernel, kernel_part
 
@@ -55,9 +55,9 @@ def _spread(origin_m: Array, direction: Float32) -> Float32:
 def unit_normals(mesh: Mesh) -> Float32:
     """Return the unit normals (T, 3) of triangles; 0 where one has no area, which no ray can hit."""
     a, b, c = (np.asarray(mesh.vertices_m, np.float64)[mesh.triangles[:, i]] for i in range(3))
-    cross = np.cross(b - a, c - a)
-    length = np.sqrt((cross * cross).sum(axis=1))
-    return np.asarray(cross / np.where(length > 0, length, 1)[:, None], np.float32)
+    normal = cross(b - a, c - a)
+    length = np.sqrt((normal * normal).sum(axis=1))
+    return np.asarray(normal / np.where(length > 0, length, 1)[:, None], np.float32)
 
 
 _CREASE = math.cos(math.radians(35))  # Triangles that meet at a larger angle have an edge there
@@ -92,8 +92,8 @@ def _round_corners(mesh: Mesh) -> tuple[Float32, Float32, Bool]:
     order = np.argsort(vertex, kind="stable")
     start = np.searchsorted(vertex[order], np.arange(len(order) + 1))
     a, b, c = (corners[:, i].astype(np.float64) for i in range(3))
-    cross = np.cross(b - a, c - a)
-    area_m2 = np.sqrt((cross * cross).sum(axis=1)) / 2
+    normal = cross(b - a, c - a)
+    area_m2 = np.sqrt((normal * normal).sum(axis=1)) / 2
     return corners, *_corner_normals(unit_normals(mesh), area_m2, vertex.astype(np.int64), order, start)
 
 
