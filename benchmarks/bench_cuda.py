@@ -17,7 +17,7 @@ from fbench.api.logs import open_log
 from fbench.datasets.city.rig import thesis_rig
 from fbench.pipelines.models.bev_network import BevNetwork
 from fbench.pipelines.models.network import CityDetector
-from fbench.pipelines.sensors.bev.detector import BUILTIN, BevDetector, BevParams
+from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
 from fbench.pipelines.sensors.bev.grid import NUM_CHANNELS, SIDE, BevPoints, lidar_rows, rasterize
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, obstacles
 from fbench.pipelines.sensors.points import ground
@@ -84,7 +84,7 @@ def main(path: Path) -> None:
     eps, few = lidar.cluster.eps_m, lidar.cluster.min_points
     image = [rasterize(one)[None] for one in drawn]
     network, camera = BevNetwork().eval(), CityDetector(7).eval()
-    detector = BevDetector(BevParams(threads=2))
+    detector = open_detector(BevParams(threads=2))
     devices = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
     print(f"{'step':34}{'kernels':>10}" + "".join(f"{'torch ' + d:>12}" for d in devices))
 

@@ -86,7 +86,7 @@ _NONE = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(
 
 
 def cross(a: Float64, b: Float64) -> Float64:
-    """Return the cross products (N, 3) of vectors (N, 3): those of `np.cross`, which takes ten times as long for few."""
+    """Return the cross products (N, 3) of vectors (N, 3): those of `np.cross`, in a third of its time for few."""
     result = np.empty(a.shape)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         result[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]

@@ -1,10 +1,10 @@
 """learned3d: road users by a bird's-eye network on the points of LiDARs, radars or both, and a tracker."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.detector import BUILTIN, BevDetector, BevParams
+from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
 from fbench.pipelines.sensors.bev.stage import KINDS, BevStage, BevView
 from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.sensors.radar.stage import RadarParams
@@ -45,8 +45,9 @@ class Learned3D(TrackingPipeline[Boxes3D]):
 
     def __init__(self, params: Learned3DParams = Learned3DParams()) -> None:
         super().__init__(Tracker3D(params.tracking), params.detect_every)
-        self._params, self._detector = params, BevDetector(params.network)
-        self.kinds = KINDS[params.network.sensors]
+        self._detector = open_detector(params.network)
+        self._params = replace(params, network=replace(params.network, sensors=self._detector.sensors))
+        self.kinds = KINDS[self._detector.sensors]
         if params.network.weights == "auto":
             self.weights = {"network.weights": describe_file(BUILTIN)}
 

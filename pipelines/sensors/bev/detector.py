@@ -1,14 +1,16 @@
-"""The bird's-eye network as a detector: points in, labeled boxes out."""
+"""Bird's-eye networks as detectors: points in, labeled boxes out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
 from fbench.pipelines.models.weights import AUTO
 from fbench.pipelines.sensors.bev.decoding import CLASSES, NUM_OUTPUTS, STRIDE, DecodingParams, decode
 from fbench.pipelines.sensors.bev.grid import NUM_CHANNELS, SIDE, BevPoints, rasterize
+from fbench.pipelines.sensors.bev.pillars import PillarDetector, PillarLayout, is_pillar_head, read_layout
 from fbench.pipelines.sensors.camera.model import ORT_ERRORS, first_line, load
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
@@ -20,39 +22,87 @@ BUILTIN = Path(__file__).with_name("learned3d.onnx")  # See `docs/learned.md`
 _MAX_IOU = 0.15  # Solid things don't share their place
 
 
+Sensors: TypeAlias = Literal["both", "lidar", "radar"]
+
+
 @dataclass(frozen=True)
 class BevParams(CheckedParams, prefix="network"):
     """Parameters of the bird's-eye network."""
 
     weights: Literal["auto"] | Path = AUTO
-    """An ONNX file made by `fbench weights train --model learned3d`; `auto` is the built-in one."""
-    sensors: Literal["both", "lidar", "radar"] = "both"  # Whose points the network gets.
+    """An ONNX file made by `fbench weights train --model learned3d`, or the head of Autoware's CenterPoint; `auto`:
+    fbench's own."""
+    encoder: Path | None = None  # The voxel encoder that belongs to such a head.
+    layout: Path | None = None
+    """Its parameters, `*_ml_package.param.yaml`: range, voxel size, classes; without a file, Autoware's usual ones."""
+    sensors: Sensors = "both"  # Whose points the network gets; a CenterPoint looks at those of LiDARs alone.
     classes: tuple[str, ...] = ()
     """Labels of the boxes that are reported, such as `car,pedestrian`; none: all that the network knows."""
     min_score: float = in_range(0.4, 0, 1)  # Boxes with a lower score are dropped.
     threads: int = in_range(2, 1)
     """Threads of onnxruntime at most, and no more than there are processors; results are the same for any number."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in self.classes:
-            if name not in CLASSES:
-                raise ConfigError(f"network.classes: the network knows no '{name}'{did_you_mean(name, CLASSES)}")
+
+class Detector(Protocol):
+    """What finds boxes in points from above."""
+
+    sensors: Sensors  # Whose points it looks at
+
+    def detect(self, points: BevPoints, plane: Plane, least: float) -> Boxes3D:
+        """Find boxes with at least the score `least` in body coordinates, by falling score; heights of points are above
+        `plane`. Raises ModelError where the network fails.
+        """
+        ...
+
+
+def open_detector(params: BevParams) -> Detector:
+    """Load the network or networks. Raises ConfigError where a file is missing, or a class that is asked for isn't
+    known; ModelError where a file isn't such a network.
+    """
+    path, threads = BUILTIN if params.weights == AUTO else params.weights, min(params.threads, num_threads())
+    try:
+        session = load(path, threads)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from error
+    if not is_pillar_head(session):
+        if params.encoder is not None or params.layout is not None:
+            raise ConfigError(f"{path}: isn't the head of a CenterPoint, so network.encoder and layout mean nothing")
+        return _Filter(BevDetector(session, path), params, CLASSES, params.sensors)
+    if params.encoder is None:
+        raise ConfigError(f"{path}: needs the voxel encoder that belongs to it: --set network.encoder=FILE")
+    if params.sensors == "radar":
+        raise ConfigError(f"{path}: detects in points of LiDARs; network.sensors=radar leaves it none")
+    layout = PillarLayout() if params.layout is None else read_layout(params.layout)
+    pillars = PillarDetector(session, path, params.encoder, layout, threads)
+    return _Filter(pillars, params, pillars.classes, "lidar")
+
+
+class _Filter:
+    """Keeps the boxes of some classes."""
+
+    def __init__(
+        self, detector: "BevDetector | PillarDetector", params: BevParams, known: Sequence[str], sensors: Sensors
+    ) -> None:
+        self._detector, self._classes, self.sensors = detector, params.classes, sensors
+        for name in params.classes:
+            if name not in known:
+                raise ConfigError(f"network.classes: the network knows no '{name}'{did_you_mean(name, known)}")
+
+    def detect(self, points: BevPoints, plane: Plane, least: float) -> Boxes3D:
+        boxes = self._detector.detect(points, plane, least)
+        return boxes if not self._classes or boxes.label is None else boxes[np.isin(boxes.label, self._classes)]
 
 
 class BevDetector:
-    """Runs the network. Raises ConfigError where the file is missing, ModelError where it isn't such a network."""
+    """Runs the network of fbench. Raises ModelError where it is another one."""
 
-    def __init__(self, params: BevParams) -> None:
-        self._path = BUILTIN if params.weights == AUTO else params.weights
-        self._params = params
-        try:
-            self._session = load(self._path, min(params.threads, num_threads()))
-        except ModelError as error:
-            raise ModelError(f"{self._path}: {error}") from error
-        ports = [(port.name, list(port.shape[1:])) for port in self._session.get_inputs()]
+    def __init__(self, session: Any, path: Path) -> None:
+        self._session, self._path = session, path
+        ports = [(port.name, list(port.shape[1:])) for port in session.get_inputs()]
         if ports != [("points", [NUM_CHANNELS, SIDE, SIDE])]:
-            raise ModelError(f"{self._path}: not a bird's-eye network of fbench: it takes {ports}")
+            raise ModelError(
+                f"{path}: not a bird's-eye network of fbench, nor the head of a CenterPoint: takes {ports}"
+            )
 
     def detect(self, points: BevPoints, plane: Plane, least: float) -> Boxes3D:
         """Find boxes with at least the score `least` in body coordinates, by falling score; heights of points are above
@@ -65,8 +115,6 @@ class BevDetector:
         if output.shape != (1, NUM_OUTPUTS, SIDE // STRIDE, SIDE // STRIDE) or not np.isfinite(output).all():
             raise ModelError(f"{self._path}: not the output of a bird's-eye network")
         boxes = decode(output[0], DecodingParams(least, _MAX_IOU))
-        if self._params.classes and boxes.label is not None:
-            boxes = boxes[np.isin(boxes.label, self._params.classes)]
         center = boxes.center_m.copy()
         center[:, 2] += plane.z_m(center)
         return replace(boxes, center_m=center)

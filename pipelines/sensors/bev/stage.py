@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.detector import BevDetector, BevParams
+from fbench.pipelines.sensors.bev.detector import BevParams, Detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.points.ground import Plane, find_ground
@@ -97,11 +97,11 @@ class BevInput:
 
 
 class BevStage:
-    """Runs the network on what its sensors measured; see `BevInput` and `BevDetector` for what is raised."""
+    """Runs the network on what its sensors measured; see `BevInput` and `open_detector` for what is raised."""
 
     def __init__(
         self, rig: Rig, log_info: LogInfo, network: BevParams, lidar: LidarParams, radar: RadarParams,
-        settings: SensorSettings, detector: BevDetector,
+        settings: SensorSettings, detector: Detector,
     ) -> None:  # fmt: skip
         self._input = BevInput(rig, log_info, network.sensors, lidar, radar, settings)
         self._min_score, self._detector = network.min_score, detector

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.detector import BevDetector, BevParams
+from fbench.pipelines.sensors.bev.detector import BevParams, Detector, open_detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
 from fbench.pipelines.sensors.points import vehicle
@@ -309,7 +309,7 @@ class LidarStage:
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, resolve_judge(params, log_info)
-        self._network = BevDetector(params.network) if params.detector == "learned" else None
+        self._network = open_detector(params.network) if params.detector == "learned" else None
         self.judge = self._params.judge if self._network is None else "model"
         self.labeled = self.judge != "rules"  # Whether boxes have labels
         own = settings.own("lidar", params, OWN)
@@ -354,7 +354,7 @@ class LidarStage:
         self._plane = view.plane or self._plane
         return replace(view, plane=self._plane)
 
-    def _detect_learned(self, network: BevDetector, found: Obstacles) -> LidarView:
+    def _detect_learned(self, network: Detector, found: Obstacles) -> LidarView:
         """Take what lies in the boxes of the network for clusters; boxes in which nothing lies are left out."""
         if found.plane is None:
             return LidarView(None, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty())

@@ -9,7 +9,7 @@ from fbench.datasets.city.rig import thesis_rig
 from fbench.pipelines.fusion.early.cloud import DepthStage
 from fbench.pipelines.sensors.bev import decoding, grid
 from fbench.pipelines.sensors.bev.decoding import NUM_OUTPUTS, DecodingParams, decode
-from fbench.pipelines.sensors.bev.detector import BUILTIN, BevDetector, BevParams
+from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, rasterize
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
@@ -85,12 +85,12 @@ def test_a_car_of_points_is_found_and_heights_are_above_the_ground():
     side = [draw.uniform(8, 12.4, 300), np.full(300, 2.1), draw.uniform(0.3, 1.4, 300)]
     rear = [np.full(150, 8.0), draw.uniform(2.1, 3.9, 150), draw.uniform(0.3, 1.4, 150)]
     points = BevPoints(np.concatenate([np.array(side).T, np.array(rear).T]).astype(np.float32), NO_RADAR)
-    detector = BevDetector(BevParams(threads=1))
+    detector = open_detector(BevParams(threads=1))
     flat, raised = (detector.detect(points, Plane(0, 0, height), 0.3) for height in (0.0, 5.0))
     assert flat.label[0] in ("car", "van")
     assert np.hypot(*(flat.center_m[0, :2] - (10.2, 3.0))) < 0.7
     assert raised.center_m[0, 2] - flat.center_m[0, 2] == pytest.approx(5)
-    none = BevDetector(BevParams(threads=1, classes=("bus",))).detect(points, Plane(0, 0, 0), 0.3)
+    none = open_detector(BevParams(threads=1, classes=("bus",))).detect(points, Plane(0, 0, 0), 0.3)
     assert set(none.label) <= {"bus"}
     assert not len(detector.detect(BevPoints(NO_LIDAR, NO_RADAR), Plane(0, 0, 0), 0.3))
 
@@ -116,14 +116,14 @@ def test_the_network_takes_the_place_of_clusters():
 
 def test_what_isnt_such_a_network_is_refused(tmp_path):
     with pytest.raises(ModelError, match=r"city\.onnx: not a bird's-eye network"):
-        BevDetector(BevParams(weights=CITY_WEIGHTS))
+        open_detector(BevParams(weights=CITY_WEIGHTS))
     with pytest.raises(ConfigError, match="weights can't be read"):
-        BevDetector(BevParams(weights=tmp_path / "none.onnx"))
+        open_detector(BevParams(weights=tmp_path / "none.onnx"))
     (tmp_path / "text.onnx").write_text("text")
     with pytest.raises(ModelError, match=r"text\.onnx: not an ONNX"):
-        BevDetector(BevParams(weights=tmp_path / "text.onnx"))
+        open_detector(BevParams(weights=tmp_path / "text.onnx"))
     with pytest.raises(ConfigError, match=r"network\.classes: the network knows no 'cars'; did you mean 'car'"):
-        BevParams(classes=("cars",))
+        open_detector(BevParams(classes=("cars",)))
 
 
 def test_the_network_is_small():
