@@ -142,6 +142,15 @@ def test_log_info_on_mcap_loads_no_tables_kernels_or_models(tmp_path):
     assert not {"numba", "cv2", "pyarrow", "onnxruntime", "pandas", "plotly", "jinja2", "sklearn"} & loaded
 
 
+@pytest.mark.slow
+def test_a_replay_that_scores_and_reports_does_without_pandas(tmp_path):
+    """It takes longer to import than a run of a few frames to write and score."""
+    write_city_log(tmp_path / "city.mcap", 0.2)
+    loaded = loaded_by("replay", str(tmp_path / "city.mcap"), "-p", "radar3d", "--report", "-o", str(tmp_path / "run"))
+    assert (tmp_path / "run/report.html").is_file()
+    assert not {"pandas", "torch", "sklearn"} & loaded
+
+
 def test_scoring_files_loads_what_it_needs(tmp_path):
     for name in ("truth.txt", "found.txt"):
         (tmp_path / name).write_text("0 1 Car 0 0 0 10 20 60 80 1.5 1.6 4 1 2 10 0 0.9\n")

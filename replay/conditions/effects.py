@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.conditions import Measurement
 from fbench.replay.data.arrays import Bool
@@ -118,6 +117,8 @@ def _other_values(before: PointCloud | RadarScan, after: PointCloud | RadarScan)
 
 
 def _compare_calibration(recorded: Rig, given: Rig, sensor: str) -> dict[str, float]:
+    from scipy.spatial.transform import Rotation  # takes a while to import
+
     result = dict[str, float]()
     if sensor in recorded.mounts and not given.mounts[sensor].equals(recorded.mounts[sensor]):
         old, new = recorded.mounts[sensor], given.mounts[sensor]

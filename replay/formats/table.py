@@ -18,7 +18,7 @@ from fbench.replay.formats.objects import angles, default_camera, find_camera, p
 from fbench.replay.formats.table_files import SUFFIXES, TableFile, Values, instants, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.runs.tables import column_array
+from fbench.replay.runs.columns import column_array
 from fbench.replay.truth.labelling import join_truths
 
 SOLID = ("x", "y", "z", "length", "width", "height")

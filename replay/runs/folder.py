@@ -19,9 +19,10 @@ from fbench.replay.data.files import Draft
 from fbench.replay.data.frames import ClockName
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.scores import Score, load_scores
+from fbench.replay.runs.columns import column_array, number_column, row_column, text_column
 from fbench.replay.runs.manifest import Manifest, load_manifest, save_manifest
 from fbench.replay.runs.media import MediaFrame, read_media, write_media
-from fbench.replay.runs.tables import BoxTable, BoxWriter, column_array, read_boxes, read_table, write_table
+from fbench.replay.runs.tables import BoxTable, BoxWriter, read_boxes, read_table, write_table
 from fbench.replay.runs.timings import Timings, TimingsWriter
 
 B = TypeVar("B", Boxes2D, Boxes3D)
@@ -183,10 +184,13 @@ def write_frames(path: Path, records: Sequence[FrameRecord], poses: Float64 | No
         values = [getattr(record, f.name) for record in records]
         if f.name in _MAPPINGS:
             values = [json.dumps(dict(sorted(v.items()) if f.name == "missing" else v)) for v in values]
-        columns[f.name] = pa.array(values, pa.int64() if int in (f.type, *get_args(f.type)) else pa.string())
+        if int in (f.type, *get_args(f.type)):
+            missing = np.array([value is None for value in values], bool)
+            columns[f.name] = number_column(np.array([v or 0 for v in values], np.int64), pa.int64(), missing)
+        else:
+            columns[f.name] = text_column(values)
     if poses is not None and (known := np.isfinite(poses).all(axis=1)).any():
-        rows = pa.array(np.ascontiguousarray(poses).ravel(), pa.float64())
-        columns[POSE] = pa.FixedSizeListArray.from_arrays(rows, poses.shape[1], mask=pa.array(~known))
+        columns[POSE] = row_column(poses, np.logical_not(known))
     write_table(path, columns)
 
 

@@ -15,6 +15,7 @@ from fbench.replay.data.images import Pixels, decode, encode_jpeg, scale_down
 from fbench.replay.data.messages import Image, PointCloud, RadarScan
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.transforms import transform
+from fbench.replay.runs.columns import bytes_column, number_column, text_column
 from fbench.replay.runs.tables import read_table, write_table
 
 MAX_WIDTH_PX = 960
@@ -109,11 +110,18 @@ def write_media(path: Path, frames: Sequence[MediaFrame]) -> None:
         for name, points in sorted(frame.points.items()):
             data = np.concatenate([points.xyz, points.speed_mps[:, None]], axis=1).astype("<f4").tobytes()
             rows.append((frame.index, "points", name, len(points.xyz), 4, data))
-    names = ("frame", "kind", "sensor", "width", "height", "data")
-    kinds = (pa.int64(), pa.string(), pa.string(), pa.int64(), pa.int64(), pa.binary())
-    write_table(
-        path, {n: pa.array([row[i] for row in rows], k) for i, (n, k) in enumerate(zip(names, kinds, strict=True))}
-    )
+    numbers = {
+        name: np.array([row[i] for row in rows], np.int64) for i, name in ((0, "frame"), (3, "width"), (4, "height"))
+    }
+    columns = {
+        "frame": number_column(numbers["frame"], pa.int64()),
+        "kind": text_column([row[1] for row in rows]),
+        "sensor": text_column([row[2] for row in rows]),
+        "width": number_column(numbers["width"], pa.int64()),
+        "height": number_column(numbers["height"], pa.int64()),
+        "data": bytes_column([row[5] for row in rows]),
+    }
+    write_table(path, columns)
 
 
 def read_media(path: Path) -> tuple[MediaFrame, ...]:

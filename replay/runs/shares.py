@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.replay.data.scores import format_count
+from fbench.replay.runs.columns import column_array
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.tables import column_array, read_table
+from fbench.replay.runs.tables import read_table
 
 PARAMETER = "detect_every"
 

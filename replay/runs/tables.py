@@ -10,8 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fbench.replay.contracts.errors import RunError
-from fbench.replay.data.arrays import Array, Int64, text_array
+from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.runs.columns import column_array, number_column, row_column, text_column
 
 _ROWS_PER_GROUP = 4096
 _JOINED_FRAMES = 64
@@ -24,7 +25,6 @@ _TYPES = {
     "occlusion": pa.float64(), "truncation": pa.float64(), "attribute": pa.string(), "num_lidar_pts": pa.int64(),
     "num_radar_pts": pa.int64(), "ignore": pa.bool_(), "source_label": pa.string(),
 }  # fmt: skip
-_FILL = {"f": np.nan, "i": -1, "u": 0, "b": False, "U": ""}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class BoxWriter:
         self._present.update(dict.fromkeys(arrays))
         if not len(boxes):
             return
-        columns = [pa.array(np.full(len(boxes), frame), pa.int64())]
+        columns = [number_column(np.full(len(boxes), frame), pa.int64())]
         columns += [_column(arrays.get(f.name), f.type, len(boxes)) for f in list(self._schema)[1:]]
         self._pending.append(pa.RecordBatch.from_arrays(columns, schema=self._schema))
         self._num_rows += len(boxes)
@@ -96,8 +96,8 @@ def _column(array: Array | None, kind: pa.DataType, length: int) -> pa.Array:
     if array is None:
         return pa.nulls(length, kind)
     if array.ndim == 2:
-        return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(array).ravel()), array.shape[1])
-    return pa.array(array.astype(object) if array.dtype.kind == "U" else array, kind)
+        return row_column(array)
+    return text_column(array.tolist()) if array.dtype.kind == "U" else number_column(array, kind)
 
 
 def read_boxes(path: Path) -> BoxTable:
@@ -111,36 +111,20 @@ def read_boxes(path: Path) -> BoxTable:
     # The names are kept apart, since a table without rows can't show which fields its boxes had.
     present = (pq.read_metadata(pa.OSFile(os.fsencode(path))).metadata or {}).get(b"present", b"").decode().split(",")
     arrays = {f.name: column_array(table.column(f.name)) for f in fields(kind) if f.name in present}
-    frames = table.column("frame").to_numpy()
+    frames = column_array(table.column("frame"))
     boxes = replace(Boxes2D.empty(), **arrays) if kind is Boxes2D else replace(Boxes3D.empty(), **arrays)
     order = np.argsort(frames, kind="stable")
     return BoxTable(frames[order], boxes[order])
 
 
-def column_array(column: pa.ChunkedArray) -> Array:
-    """Return a column as an array; nulls become NaN, -1 or empty."""
-    chunk = column.combine_chunks()
-    if isinstance(chunk, pa.ChunkedArray):
-        chunk = pa.concat_arrays(chunk.chunks) if chunk.num_chunks else pa.array([], column.type)
-    if pa.types.is_dictionary(chunk.type):
-        chunk = chunk.dictionary_decode()
-    if pa.types.is_fixed_size_list(column.type):
-        if chunk.null_count:
-            return np.array([[np.nan] * column.type.list_size if row is None else row for row in chunk.to_pylist()])
-        return np.asarray(chunk.flatten().to_numpy(zero_copy_only=False)).reshape(-1, column.type.list_size)
-    if pa.types.is_string(chunk.type):
-        return text_array(["" if text is None else text for text in chunk.to_pylist()])
-    dtype = np.dtype(column.type.to_pandas_dtype())
-    return np.asarray(chunk.fill_null(_FILL[dtype.kind]).to_numpy(zero_copy_only=False), dtype)
-
-
 def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
     """Read a Parquet file, or some of its columns, checksums verified. Raises RunError where it can't be read."""
     try:
-        with pa.OSFile(os.fsencode(path)) as file:  # whose name needn't be Unicode
-            return pq.read_table(
-                file, columns=columns, page_checksum_verification=True, use_threads=False, pre_buffer=False
-            )
+        with (
+            pa.OSFile(os.fsencode(path)) as file,  # whose name needn't be Unicode
+            pq.ParquetFile(file, page_checksum_verification=True, pre_buffer=False) as table,
+        ):
+            return table.read(columns, use_threads=False)  # `pq.read_table` imports pandas
     except (OSError, pa.ArrowException) as error:
         raise RunError(f"{path}: can't be read ({str(error).splitlines()[0]})") from error
 

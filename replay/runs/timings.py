@@ -12,16 +12,16 @@ from typing import get_args
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
+from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.frames import ClockName
+from fbench.replay.runs.columns import column_array, number_column, text_column
 from fbench.replay.runs.tables import read_table, write_table
 
 WHOLE = "total"
 """Stage that is the whole frame: the pipeline's step."""
 WAIT, OUTPUT = "wait", "output"
 """Outside of the whole frame: log time from a frame's first message until it was there, and recording its results."""
-_AT_ONCE = 256
 _CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
 _UNKNOWN = -1
 
@@ -54,14 +54,14 @@ class TimingsWriter:
 
     def write(self, path: Path) -> None:
         """Write the table."""
-        columns = {name: pa.array(np.frombuffer(column, np.int64)) for name, column in self._columns.items()}
+        values = {name: np.frombuffer(column, np.int64) for name, column in self._columns.items()}
+        columns = {name: number_column(column, pa.int64()) for name, column in values.items()}
         for name, texts in (("stage", [*self._stages]), ("clock", _CLOCKS)):
-            coded = pa.DictionaryArray.from_arrays(columns[name], pa.array(texts, pa.string()))
+            coded = pa.DictionaryArray.from_arrays(columns[name], text_column(texts))
             columns[name] = coded.dictionary_decode()
         for name in ("compiled", "outside"):
-            columns[name] = columns[name].cast(pa.bool_())
-        is_unknown = pc.equal(columns["cpu_ns"], _UNKNOWN)
-        columns["cpu_ns"] = pc.if_else(is_unknown, pa.scalar(None, pa.int64()), columns["cpu_ns"])
+            columns[name] = number_column(values[name], pa.bool_())
+        columns["cpu_ns"] = number_column(values["cpu_ns"], pa.int64(), values["cpu_ns"] == _UNKNOWN)
         write_table(path, columns)
 
 
@@ -73,48 +73,61 @@ class Timings:
 
     @cached_property
     def _table(self) -> pa.Table:
-        table = read_table(self.path)
-        if "outside" not in table.column_names:  # of before there were such times
-            table = table.append_column("outside", pa.array(np.zeros(table.num_rows, bool)))
-            table = table.append_column("cpu_ns", pa.nulls(table.num_rows, pa.int64()))
-        return table
+        return read_table(self.path)
+
+    @cached_property
+    def _outside(self) -> Bool:
+        if "outside" not in self._table.column_names:  # of before there were such times
+            return np.zeros(self._table.num_rows, bool)
+        return column_array(self._table.column("outside"))
+
+    @cached_property
+    def _is_log(self) -> Bool:
+        codes, names = _encode(self._table.column("clock"))
+        return np.array([name == "log" for name in names], bool)[codes]
 
     @cached_property
     def clock(self) -> ClockName:
         """Whose times `stages` are: those of the log as soon as the pipeline passed on one of them."""
-        within = self._table.filter(pc.invert(self._table["outside"]))
-        return "log" if pc.any(pc.equal(within["clock"], "log")).as_py() else "host"
+        return "log" if (self._is_log & ~self._outside).any() else "host"
 
     @cached_property
     def stages(self) -> dict[str, dict[int, int]]:
         """Time [ns] of each stage by the frame in which it ran, in their order, and `total` of those that have one."""
-        is_own = pc.and_(pc.invert(self._table["outside"]), pc.equal(self._table["clock"], self.clock))
-        return _by_stage(self._table.filter(is_own), "ns")
+        return self._by_stage(~self._outside & (self._is_log == (self.clock == "log")), "ns")
 
     @cached_property
     def cpu(self) -> dict[str, dict[int, int]]:
         """CPU time [ns] of stages by frame, where it is known: of a stage that of the thread that ran it, of the whole
         frame that of all threads of the process.
         """
-        is_own = pc.and_(pc.invert(self._table["outside"]), pc.is_valid(self._table["cpu_ns"]))
-        return _by_stage(self._table.filter(is_own), "cpu_ns")
+        if "cpu_ns" not in self._table.column_names:
+            return {}
+        return self._by_stage(~self._outside & (column_array(self._table.column("cpu_ns")) != _UNKNOWN), "cpu_ns")
 
     @cached_property
     def outside(self) -> dict[str, dict[int, int]]:
         """Times [ns] by frame that are no part of `total`: `wait`, in log time, and `output`."""
-        return _by_stage(self._table.filter(self._table["outside"]), "ns")
+        return self._by_stage(self._outside, "ns")
+
+    def _by_stage(self, rows: Bool, column: str) -> dict[str, dict[int, int]]:
+        values, frames = column_array(self._table.column(column)), column_array(self._table.column("frame"))
+        codes, names = _encode(self._table.column("stage"))
+        owns = [(rows & (codes == code), name) for code, name in enumerate(names)]
+        found = sorted((int(own.argmax()), name, own) for own, name in owns if own.any())  # as they first come
+        return {name: dict(zip(frames[own].tolist(), values[own].tolist(), strict=True)) for _, name, own in found}
 
     @cached_property
     def compiled_frames(self) -> frozenset[int]:
         """Frames during which code was compiled, or loaded as compiled before; none where the run doesn't say."""
         if "compiled" not in self._table.column_names:
             return frozenset()
-        return frozenset(self._table.filter(self._table["compiled"])["frame"].to_pylist())
+        return frozenset(column_array(self._table["frame"])[column_array(self._table["compiled"])].tolist())
 
 
-def _by_stage(table: pa.Table, column: str) -> dict[str, dict[int, int]]:
-    stages: dict[str, dict[int, int]] = {}
-    for batch in table.select(["stage", "frame", column]).to_batches(max_chunksize=_AT_ONCE):
-        for stage, frame, ns in zip(*(values.to_pylist() for values in batch.columns), strict=True):
-            stages.setdefault(str(stage), {})[int(frame)] = int(ns)
-    return stages
+def _encode(column: pa.ChunkedArray) -> tuple[Int64, list[str]]:
+    """Return which of the different texts each row has, and those, in the order in which they first come."""
+    coded = column.combine_chunks().dictionary_encode()
+    if isinstance(coded, pa.ChunkedArray):
+        coded = coded.chunk(0) if coded.num_chunks else pa.nulls(0, pa.string()).dictionary_encode()
+    return column_array(pa.chunked_array([coded.indices])).astype(np.int64), coded.dictionary.to_pylist()
