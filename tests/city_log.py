@@ -1,4 +1,4 @@
-"""Small logs of the simulated city for tests that need some log: a LiDAR and a radar of few rays, no cameras."""
+"""Small logs of the simulated city for tests that need some log: a LiDAR and a radar of few rays, and small cameras."""
 
 from functools import cache
 from pathlib import Path
@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from tests.kept_cities import kept
 
 from fbench.datasets.city.recording import CityRecording
-from fbench.datasets.city.rig import LidarSpec, RadarSpec, RigSpec
+from fbench.datasets.city.rig import CameraSpec, LidarSpec, RadarSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec, WorldName
 from fbench.datasets.importing.run import write_recording
 from fbench.replay.logs.convert.target import Target
@@ -29,15 +29,24 @@ SMALL_RIG = RigSpec(
 )  # fmt: skip
 
 
-def write_city_log(out: Path, seconds: float = 3.0, seed: int = 0, world: WorldName = "urban") -> None:
-    """Write a log of a clear day; each is simulated once a process."""
-    out.write_bytes(_content(seconds, seed, world))
+_CAMERAS = {
+    name: CameraSpec(translation_m=(2.0, y, 1.0), rate_hz=10.0, size_wh=(320, 240))
+    for name, y in (("camera", 0.0), ("stereo_left", 0.2), ("stereo_right", -0.2))
+}
+
+
+def write_city_log(
+    out: Path, seconds: float = 3.0, seed: int = 0, world: WorldName = "urban", cameras: bool = False
+) -> None:
+    """Write a log of a clear day; each is simulated once a process. `cameras`: one, and a pair, which take longer."""
+    out.write_bytes(_content(seconds, seed, world, cameras))
 
 
 @cache
-def _content(seconds: float, seed: int, world: WorldName) -> bytes:
+def _content(seconds: float, seed: int, world: WorldName, cameras: bool) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "city.mcap"
-        spec = CitySpec(world, seconds=seconds, seed=seed, rig=SMALL_RIG)
+        rig = SMALL_RIG.model_copy(update={"cameras": _CAMERAS}) if cameras else SMALL_RIG
+        spec = CitySpec(world, seconds=seconds, seed=seed, rig=rig)
         write_recording(CityRecording(spec, "city", cities=kept()), Target(path), lambda name, done, total: None)
         return path.read_bytes()

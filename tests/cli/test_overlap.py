@@ -160,13 +160,13 @@ def test_ctrl_c_ends_all_processes(log, plugin, tmp_path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pipeline", [*PIPELINES, "learned3d"])
-@pytest.mark.parametrize("more", [(), ("--condition", "fog:3+dropout.lidar:3+miscalibration:2", "--detect-every", "2")])
-def test_every_pipeline_on_the_city(fbench, tmp_path, pipeline: str, more: tuple[str, ...]) -> None:
-    write_city_log(tmp_path / "city.mcap", 1.5)
-    results = [fbench("replay", "city.mcap", "-p", pipeline, "--overlap", n, "-o", f"run{n}", *more) for n in (1, 2)]
-    assert results[0].code == results[1].code
-    if results[0].code in (2, 3):  # the log lacks what it needs
-        assert results[0].err == results[1].err
-        return
-    assert files(Path("run1")) == files(Path("run2"))
+@pytest.mark.parametrize(
+    "pipeline", [name for name in (*PIPELINES, "learned3d") if not name.startswith(("thesis/", "track"))]
+)
+def test_every_pipeline_on_the_city(fbench, tmp_path, pipeline: str) -> None:
+    write_city_log(tmp_path / "city.mcap", 0.8, cameras=True)
+    more = ("--condition", "fog:3+dropout.lidar:1+extrinsic:2", "--detect-every", "2")
+    code, plain, overlapped = replay_both(fbench, tmp_path / "city.mcap", pipeline, *more)
+    assert code in (0, 4), "as frames are missing, results aren't complete"
+    assert plain == overlapped
+    assert Run(Path("run2")).json("host.json")["overlap"] == 2
