@@ -95,11 +95,13 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     ranged = derived
     if not derived and isinstance(recorded, Boxes2D):
         ranged = recorded.distance_m is not None and bool(np.isfinite(recorded.distance_m).any())
-    images = _Images(labeled, options, labeled.cameras(table.boxes), derived, ranged)
+    cameras = tuple(name for name in labeled.cameras(table.boxes) if name in options.cameras or not options.cameras)
+    images = _Images(labeled, options, cameras, derived, ranged)
     near = f", within {options.range_m:g} m" if ranged else ""
     view = ", in view" if derived and options.in_view else ""
     from_3d = ", truth projected from 3D" if derived else ""
-    matching = f"iou {options.iou:g}{from_3d}{near}{view}{_limits(options, derived)}"
+    those = f", in {' or '.join(sorted(options.cameras))}" if options.cameras else ""
+    matching = f"iou {options.iou:g}{from_3d}{near}{view}{those}{_limits(options, derived)}"
 
     reason, known = None if labeled.frames else "no truth", run.manifest.rig.cameras
     unknown = [name for name in images.cameras if name not in known]  # of truth, whose calibration was left out
