@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-import cv2
 import numpy as np
 
 from fbench.pipelines.baseline import params as plain
@@ -13,6 +12,7 @@ from fbench.pipelines.baseline.params import PlainParams, PlainSensor, PlainSize
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraStage
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.merged import lidar_points, radar_scans
+from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, fit_rectangles
 from fbench.pipelines.sensors.rows import Rows
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoStage
 from fbench.replay.contracts.params import StageClock
@@ -127,19 +127,16 @@ def box_clusters(
         places: (N, D) whose extents are returned: the points in space [m], or in an image [px].
         params: Sizes of vehicles.
         label: (number of clusters,) of each cluster; `None`: there are none.
-        oriented: Whether boxes in space lie along the sides of the smallest rectangle around a cluster, seen from
-            above; else along the axes.
+        oriented: Whether boxes in space have the heading of the rectangle that fits a cluster best, seen from above;
+            else they lie along the axes.
     """
     rows = members(cluster)
-    enough = [len(own) >= params.least_points for own in rows]
-    yaw = np.array([
-        heading_of(points.xyz[own, :2]) if oriented and is_enough else 0.0
-        for own, is_enough in zip(rows, enough, strict=True)
-    ])  # fmt: skip
+    enough = [number for number, own in enumerate(rows) if len(own) >= params.least_points]
+    yaw = np.zeros(len(rows))
+    if oriented:
+        yaw[enough] = fit_headings(points.xyz[:, :2], [rows[number] for number in enough])
 
     def may_be_vehicle(number: int) -> bool:
-        if not enough[number]:
-            return False
         x, y, height = np.ptp(turn_points(points.xyz[rows[number]], -yaw[number]), axis=0)
         is_long = params.least_extent_m <= max(x, y) <= params.most_extent_m
         is_high = params.least_height_m <= height <= params.most_height_m
@@ -150,13 +147,15 @@ def box_clusters(
         known = np.sort(range_rate_mps[np.isfinite(range_rate_mps)])
         return float(known.mean()) if len(known) else np.nan
 
-    kept = [number for number in range(len(rows)) if may_be_vehicle(number)]
+    kept = [number for number in enough if may_be_vehicle(number)]
     if not kept:
         return no_extents(places.shape[1])
     rows, yaw = [rows[number] for number in kept], yaw[kept]
-    turned = [turn_points(places[own], -angle) if angle else places[own] for own, angle in zip(rows, yaw, strict=True)]
-    low, high = (np.array([reach(own, axis=0) for own in turned]) for reach in (np.min, np.max))
-    middle = [(points.xyz[own].min(axis=0) + points.xyz[own].max(axis=0)) / 2 for own in rows]
+    turned = [turn_points(points.xyz[own], -angle) for own, angle in zip(rows, yaw, strict=True)]
+    outlines = turned if places.shape[1] == 3 else [places[own] for own in rows]
+    low, high = (np.array([reach(own, axis=0) for own in outlines]) for reach in (np.min, np.max))
+    # Turned about z, so that the distance is the same.
+    middle = [(own.min(axis=0) + own.max(axis=0)) / 2 for own in turned]
     return make_extents(
         low,
         high,
@@ -177,24 +176,20 @@ def turn_points(xyz: Float64, yaw_rad: float) -> Float64:
     return np.column_stack([cos * x - sin * y, sin * x + cos * y, z])
 
 
-def heading_of(xy: Float64) -> float:
-    """Return the direction [rad], above -pi/2 and up to pi/2, of the longer sides of the smallest rectangle around points
-    (N, 2), N > 0; of several the one that is least turned from x. One side of it lies along an edge of the convex hull
-    (H. Freeman and R. Shapira, Determining the minimum-area encasing rectangle for an arbitrary closed curve, 1975).
+def fit_headings(xy: Float64, rows: Sequence[Int64]) -> Float64:
+    """Return the direction (M,) [rad], above -pi/2 and up to pi/2, of the longer side of the rectangle that fits each
+    cluster best, see `fit_rectangles`. Rows of points (N, 2) of clusters aren't empty.
+
+    The smallest rectangle would be the obvious one, but around two sides of a vehicle, which make a right triangle,
+    three rectangles have the same area.
     """
-    hull = cv2.convexHull(np.ascontiguousarray(xy, np.float32))[:, 0].astype(np.float64)
-    edges = np.roll(hull, -1, axis=0) - hull
-    edges = edges[np.hypot(edges[:, 0], edges[:, 1]) > 0]
-    if not len(edges):
-        return 0.0
-    angle = np.arctan2(edges[:, 1], edges[:, 0])
-    along = np.ptp(hull[:, 0] * np.cos(angle)[:, None] + hull[:, 1] * np.sin(angle)[:, None], axis=1)
-    across = np.ptp(hull[:, 1] * np.cos(angle)[:, None] - hull[:, 0] * np.sin(angle)[:, None], axis=1)
-    heading = np.where(along >= across, angle, angle + np.pi / 2)
-    heading = np.pi / 2 - np.mod(np.pi / 2 - heading, np.pi)
-    # Rounded, so that equal rectangles are ordered by their angle.
-    best = np.lexsort([heading, np.round(np.abs(heading), 9), np.round(along * across, 9)])[0]
-    return float(heading[best])
+    if not rows:
+        return np.zeros(0)
+    own = [xy[row][np.lexsort(xy[row].T)] for row in rows]  # sums don't depend on the order of points
+    first = np.cumsum([0, *map(len, own)]).astype(np.int64)
+    heading, low_u, high_u, low_v, high_v, _ = fit_rectangles(np.concatenate(own), first, HEADINGS_RAD, NEAR_M).T
+    longest = np.where(high_u - low_u >= high_v - low_v, heading, heading + np.pi / 2)
+    return np.asarray(np.pi / 2 - np.mod(np.pi / 2 - longest, np.pi), np.float64)
 
 
 def members(cluster: Int64) -> list[Int64]:
