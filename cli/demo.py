@@ -15,7 +15,7 @@ import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import import_progress, replay_progress, say, show_results
+from fbench.cli.show import import_progress, replay_progress, say, show_summary
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError, output_error
 from fbench.replay.data.scores import format_count
 
@@ -156,7 +156,7 @@ def run_experiment(what: "Experiment", num_jobs: int) -> int:
             say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")
             done = list(zip(cells, found, strict=True))
             results = results_of(what, done)
-            show_results(results)
+            show_summary(results)
             say(*(f"{path.stem}: {path}" for path in _write(what, results, done)))
             return EXIT_LOSSY if is_lossy(done) else EXIT_OK
     except KeyboardInterrupt:

@@ -27,18 +27,18 @@ KINDS = ("camera", "lidar", "radar")
 
 REGIONS = ("road", "sidewalk")
 """What alone counts in the thesis (9.3.3)."""
-DISTURBED_S = 3.0
+DISTURBED_S = 2.0
 """Length of the drives that are disturbed: from the beginning of those in clear weather."""
 NUM_DISTURBED = 3  # Seeds of which drives are disturbed, in both worlds: six scenes
 RENDERED = ("dusk", "low-sun")
 """Light that the city simulates; the other disturbances act on the messages of clear drives."""
 DISTURBANCES: Mapping[str, str] = {
     "glare": "camera.glare:3",
-    **{f"{kind} lost": f"loss.{kind}:100%@1.5s-" for kind in KINDS},
-    **{f"{kind} away 1 s": f"loss.{kind}:100%@1s-2s" for kind in KINDS},
-    **{f"{kind} late": f"delay.{kind}:100ms" for kind in KINDS},
+    **{f"{kind} lost": f"loss.{kind}:100%@1s-" for kind in KINDS},
+    **{f"{kind} away": f"loss.{kind}:100%@0.5s-1.5s" for kind in KINDS},
+    "lidar late": "delay.lidar:100ms",
 }
-"""What replays take, by the name of the column."""
+"""What replays take, by the name of the column: a sensor is lost from half of the drive on, or away for 1 s."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +95,15 @@ class Experiment:
         """Return all cells, drive by drive; only runs in clear weather keep pictures, so that a report stays small."""
         return [
             *(self._cell(drive, row) for drive in self.drives for row in self.pipelines),
-            *(self._cell(drive, row, drive.condition) for drive in self.rendered for row in self.pipelines),
+            *(self._cell(drive, row, drive.condition) for drive in self.rendered for row in self._detecting),
             *(self._cell(drive, row, name) for drive in self.disturbed for name in (CLEAR, *DISTURBANCES)
-              for row in self.pipelines if name == CLEAR or uses(row, DISTURBANCES[name])),
+              for row in self._detecting if name == CLEAR or uses(row, DISTURBANCES[name])),
         ]  # fmt: skip
+
+    @property
+    def _detecting(self) -> list[SuitePipeline]:
+        """Rows whose detections aren't those of another: the filter of tracks alone doesn't change F1."""
+        return [row for row in self.pipelines if not row.name.endswith("-filter")]
 
     def _cell(self, drive: Drive, row: SuitePipeline, disturbance: str = "") -> ExperimentCell:
         injected = drive in self.disturbed and disturbance
