@@ -106,7 +106,7 @@ class Experiment:
         return [row for row in self.pipelines if not row.name.endswith("-filter")]
 
     def _cell(self, drive: Drive, row: SuitePipeline, disturbance: str = "") -> ExperimentCell:
-        injected = drive in self.disturbed and disturbance
+        injected = bool(disturbance) and drive.condition == CLEAR
         name = f"{drive.name}-{disturbance.replace(' ', '-')}-{DISTURBED_S:g}s" if injected else drive.name
         return ExperimentCell(drive, row, ReplayRequest(
             # A configuration that somebody writes beside the logs is for other logs of theirs.
@@ -118,9 +118,10 @@ class Experiment:
         ), disturbance)  # fmt: skip
 
     def name_cells(self, done: Done) -> list[tuple[SuiteCell, CellResult]]:
-        """Return the cells as a suite names them."""
+        """Return the cells as a suite names them; the beginning of a drive is a log of its own."""
         return [
-            (SuiteCell(cell.drive.name, cell.row.name, cell.disturbance or CLEAR, "max", 0, result.cell), result)
+            (SuiteCell(f"{cell.drive.name}{f'-{DISTURBED_S:g}s' if result.cell.to else ''}", cell.row.name,
+                       result.cell.condition or CLEAR, "max", 0, result.cell), result)
             for cell, result in done
         ]  # fmt: skip
 
@@ -151,9 +152,9 @@ def results_of(experiment: Experiment, done: Done) -> Results:
     ]  # fmt: skip
     if experiment.disturbed:
         shown.append(_disturbance_table(experiment, other))
-    if runs and all(_has_regions(run) for _, run in main):
-        options = replace(experiment.scoring, regions=REGIONS)
-        near = [_score(cell, run, options) for cell, run in main]
+    options = [replace(experiment.scoring, regions=_regions_of(run)) for _, run in main]
+    if main and all(own.regions for own in options):
+        near = [_score(cell, run, own) for (cell, run), own in zip(main, options, strict=True)]
         shown += [
             tables.accuracy_table(near, region=True), tables.robustness_table(near, conditions, region=True),
             tables.gain_table(near, conditions, region=True), tables.condition_table(near, conditions, region=True),
@@ -179,9 +180,10 @@ def _score(cell: ExperimentCell, run: Run, options: ScoreOptions | None = None) 
     return ScoredRun(cell.name, own, cell.drive.scene, scores)
 
 
-def _has_regions(run: Run) -> bool:
+def _regions_of(run: Run) -> tuple[str, ...]:
+    """Which of the thesis's regions a run's log has: beside a highway there is no sidewalk."""
     kinds = {region.kind for region in run.manifest.log_info.regions}
-    return set(REGIONS) <= kinds
+    return tuple(kind for kind in REGIONS if kind in kinds)
 
 
 def _disturbance_table(experiment: Experiment, runs: Sequence[tuple[ExperimentCell, Run]]) -> ResultTable:

@@ -54,7 +54,7 @@ _NAMES = (
     "camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d", "stereo3d", "early2d", "early3d", "early3d-stereo",
     "late2d", "late2d-stereo", "late2d-filter", "late3d", "late3d-filter",
 )  # fmt: skip
-_SINGLE = ("camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d", "stereo3d")
+_SINGLE = ("camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d")
 _FUSED = ("early2d", "early3d", "late2d", "late3d")
 _PAIRS = (
     ("early2d", "late2d"), ("late3d", "early3d"), ("early3d-stereo", "early3d"), ("late2d-stereo", "late2d"),
@@ -119,7 +119,7 @@ def gain_table(runs: Sequence[ScoredRun], conditions: Sequence[str], *, region: 
     """Return by how many points of F1 each fusion is ahead of the best single input, early of late fusion, and fusion
     with stereo of the same without: a column for each condition, and a note on what is within its interval.
 
-    The best input is that of clear weather among those that were scored in the same space.
+    The best input is that of clear weather among those with boxes of the same kind, in images or in space.
     """
     lines, within = [], list[str]()
     for space in spaces_of(runs):
@@ -137,7 +137,10 @@ def gain_table(runs: Sequence[ScoredRun], conditions: Sequence[str], *, region: 
                 if f.low is not None and f.high is not None and f.low <= 0 <= f.high
             ]  # fmt: skip
             within += [f"{head} over {base}, {space} ({', '.join(level)})"] if level else []
-    notes = ["Points of F1; the best input is that of clear weather in the same space.", *_interval_note(runs)]
+    notes = [
+        "Points of F1; the best input is that of clear weather, with boxes of the same kind.",
+        *_interval_note(runs),
+    ]
     if within:
         notes.append(f"Not significant, as the interval holds 0: {'; '.join(within)}.")
     name, title = _names("gain", "F1 of fusion minus that of its best input, and of fusions compared", region)
@@ -147,11 +150,12 @@ def gain_table(runs: Sequence[ScoredRun], conditions: Sequence[str], *, region: 
 def _comparisons(clear: Mapping[str, Sequence[ScoredRun]], space: Space) -> Iterator[tuple[str, str]]:
     """Pairs of configurations that were scored in one space."""
     for prefix in _PREFIXES:
-        f1 = {prefix + name: pool(clear.get(prefix + name, ()), "f1", space).value for name in _SINGLE}
-        inputs = {name: value for name, value in f1.items() if value is not None}
-        if inputs:
-            best = max(inputs, key=lambda name: (inputs[name], name))
-            yield from ((prefix + name, best) for name in _FUSED if prefix + name in clear)
+        for name in (name for name in _FUSED if prefix + name in clear):
+            own = [prefix + single for single in _SINGLE if single[-2:] == name[-2:]]
+            f1 = {single: pool(clear.get(single, ()), "f1", space).value for single in own}
+            inputs = {single: value for single, value in f1.items() if value is not None}
+            if inputs:
+                yield prefix + name, max(inputs, key=lambda single: (inputs[single], single))
         yield from ((prefix + a, prefix + b) for a, b in _PAIRS if prefix + a in clear and prefix + b in clear)
 
 

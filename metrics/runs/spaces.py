@@ -100,7 +100,7 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     near = f", within {options.range_m:g} m" if ranged else ""
     view = ", in view" if derived and options.in_view else ""
     from_3d = ", truth projected from 3D" if derived else ""
-    those = f", in {' or '.join(sorted(options.cameras))}" if options.cameras else ""
+    those = f", in image of {' or '.join(sorted(options.cameras))}" if options.cameras else ""
     matching = f"iou {options.iou:g}{from_3d}{near}{view}{those}{_limits(options, derived)}"
 
     reason, known = None if labeled.frames else "no truth", run.manifest.rig.cameras
