@@ -239,7 +239,7 @@ def show_summary(results: Results) -> None:
     names = [column.name for column in by_condition.columns]
     grid = make_table("pipeline", "boxes", "F1 % clear", "F1 % worst weather", "MOTA %", right=["MOTA %"])
     for line in accuracy.lines:
-        if line.space != ("image" if line.name.endswith("2d") else "3D"):
+        if line.space != ("image" if "2d" in line.name else "3D"):
             continue
         figures = dict(zip(names, known[line.name, line.space].figures, strict=True))
         worst = min(

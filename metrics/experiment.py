@@ -126,12 +126,11 @@ def gain_table(runs: Sequence[ScoredRun], conditions: Sequence[str], *, region: 
         by_name = {own[0].configuration: own for own, where in _groups(runs) if where == space}
         clear = {name: [run for run in own if run.condition == CLEAR] for name, own in by_name.items()}
         for head, base in _comparisons(clear, space):
-            figures = tuple(
-                difference(*([run for run in by_name[name] if run.condition == condition] for name in (head, base)),
-                           space, HOW)
-                for condition in conditions
-            )  # fmt: skip
-            lines.append(Line(f"{head} over {base}", space, figures))
+            figures = []
+            for condition in conditions:
+                ours, theirs = ([run for run in by_name[name] if run.condition == condition] for name in (head, base))
+                figures.append(difference(ours, theirs, space, HOW))
+            lines.append(Line(f"{head} over {base}", space, tuple(figures)))
             level = [
                 name for name, f in zip(conditions, figures, strict=True)
                 if f.low is not None and f.high is not None and f.low <= 0 <= f.high

@@ -59,8 +59,8 @@ def no_extents(num_axes: int) -> Extents:
 def iou(a: Extents, b: Extents) -> Float64:
     """Intersection over union (N, M): of areas in an image, of volumes in space; 0 where both are empty."""
     if a.yaw_rad.any() or b.yaw_rad.any():
-        starts = (np.array([0, len(boxes)]) for boxes in (a, b))
-        flat = flat_iou(upright(to_solid(a)), upright(to_solid(b)), *starts, solid=True)
+        start_a, start_b = (np.array([0, len(boxes)]) for boxes in (a, b))
+        flat = flat_iou(upright(to_solid(a)), upright(to_solid(b)), start_a, start_b, solid=True)
         return np.maximum(flat, 0.0).reshape(len(a), len(b))
     low = np.maximum(a.low[:, None], b.low[None])
     high = np.minimum(a.high[:, None], b.high[None])
