@@ -15,14 +15,14 @@ import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import import_progress, replay_progress, say, show_results
+from fbench.cli.show import import_progress, replay_progress, say, show_summary
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError, output_error
 from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
-    from fbench.api.suites.cells import CellResult
     from fbench.api.suites.logs import Drive
-    from fbench.cli.experiment import Experiment
+    from fbench.api.suites.suite import SuiteLog, SuitePipeline
+    from fbench.cli.experiment import Done, Experiment
     from fbench.datasets.city.request import Split
     from fbench.replay.data.scores import Results
 
@@ -64,7 +64,7 @@ def make_experiment(
     """
     from fbench.api.suites.file import SuiteText
     from fbench.api.suites.plan import make_suite
-    from fbench.cli.experiment import Experiment
+    from fbench.cli.experiment import CLEAR, NUM_DISTURBED, RENDERED, Experiment
     from fbench.datasets.city.request import SEEDS
     from fbench.datasets.city.spec import CitySpec
 
@@ -85,11 +85,41 @@ def make_experiment(
     if sensors:
         content = re.sub(r"(?m)^sensors = .*$", lambda _: f"sensors = {json.dumps(list(sensors))}", content)
     suite = make_suite(SuiteText(content.encode(), name), Path(), out)
+    rows = tuple(_fit(row, sensors, suite.logs) for row in suite.pipelines)
     drives = sorted((log.drive for log in suite.logs if log.drive is not None), key=lambda drive: drive.spec.seed)
     if split is None:
         drives = [log.drive for log in suite.logs if log.drive is not None]
         drives[0] = replace(drives[0], log=out / "city.mcap")  # the one that people go on with
-    return Experiment(tuple(drives), tuple(p.base for p in suite.pipelines), out, command, content=content)
+    disturbed: tuple[Drive, ...] = ()
+    rendered: tuple[Drive, ...] = ()
+    if split is not None:
+        few = SEEDS[split][:num_seeds][:NUM_DISTURBED]
+        disturbed = tuple(d for d in drives if d.condition == CLEAR and d.spec.seed in few)
+        rendered = tuple(_in_light(drive, light, out) for light in RENDERED for drive in disturbed)
+    return Experiment(tuple(drives), rows, out, command, content, disturbed, rendered, suite.options.scoring)
+
+
+def _in_light(drive: "Drive", light: str, out: Path) -> "Drive":
+    """The beginning of a drive in other light."""
+    from fbench.api.suites.logs import Drive
+    from fbench.api.suites.suite import LOGS
+    from fbench.cli.experiment import DISTURBED_S
+    from fbench.datasets.city.spec import condition
+
+    own = Drive(replace(drive.spec, condition=condition(light), seconds=min(DISTURBED_S, drive.spec.seconds)), Path())
+    return replace(own, log=out / LOGS / f"{own.name}.mcap")
+
+
+def _fit(row: "SuitePipeline", patterns: Sequence[str], logs: "Sequence[SuiteLog]") -> "SuitePipeline":
+    """A row without settings and sensors that the drives lack, where `--sensors` names which they have."""
+    from fbench.datasets.city.rig import thesis_rig
+
+    drives = [log.drive for log in logs if log.drive is not None]
+    if not patterns or not drives:
+        return row
+    absent = set(thesis_rig().names) - set(drives[0].spec.rig.names)
+    settings = tuple(text for text in row.settings if text.partition(".")[0] not in absent)
+    return replace(row, settings=settings, sensors=tuple(name for name in row.sensors if name not in absent))
 
 
 def run_experiment(what: "Experiment", num_jobs: int) -> int:
@@ -109,23 +139,24 @@ def run_experiment(what: "Experiment", num_jobs: int) -> int:
     try:
         # Two in one folder would clear away each other's half-written runs.
         with claim(what.folder / "demo", lambda: say("waiting for another fbench demo in this folder")):
-            num, num_new = len(what.drives), 0
+            drives = (*what.drives, *what.rendered)
+            num, num_new = len(drives), 0
             if sys.stderr.isatty():
                 say(f"simulating {format_count(num, 'drive')} and replaying each into {len(what.pipelines)} pipelines")
             with import_progress(num) as progress:
-                for is_new in simulate(what.drives, progress):
+                for is_new in simulate(drives, progress):
                     num_new += is_new
                     progress.done()
             say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
             cells = what.cells()
             with replay_progress("replays") as progress_of_replays:
-                found = run_suite([cell for _, cell in cells], RunOptions(num_jobs), progress_of_replays)
+                found = run_suite([cell.request for cell in cells], RunOptions(num_jobs), progress_of_replays)
             of = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
             total = f"{of['there'] + of['replayed']} of {len(found) - of['unfit']}"
             say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")
-            done = [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
+            done = list(zip(cells, found, strict=True))
             results = results_of(what, done)
-            show_results(results)
+            show_summary(results)
             say(*(f"{path.stem}: {path}" for path in _write(what, results, done)))
             return EXIT_LOSSY if is_lossy(done) else EXIT_OK
     except KeyboardInterrupt:
@@ -133,7 +164,7 @@ def run_experiment(what: "Experiment", num_jobs: int) -> int:
         raise
 
 
-def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, CellResult]]") -> list[Path]:
+def _write(what: "Experiment", results: "Results", done: "Done") -> list[Path]:
     """Write the results in every form, and return the paths worth naming."""
     from fbench.api.suites.bench import SUITE
     from fbench.api.suites.tables import write_tables
@@ -146,10 +177,10 @@ def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, Cell
 
     folder = what.folder
     runs = [
-        {"scene": drive.scene, "condition": drive.condition, "pipeline": result.cell.pipeline,
-         "log_id": drive.spec.log_id, "run": result.folder.relative_to(folder).as_posix(),
+        {"scene": cell.drive.scene, "condition": cell.drive.condition, "disturbance": cell.disturbance,
+         "pipeline": cell.name, "log_id": cell.drive.spec.log_id, "run": result.folder.relative_to(folder).as_posix(),
          "digest": Run(result.folder).manifest.digest if result.has_run else None, "reason": result.reason}
-        for drive, result in done
+        for cell, result in done
     ]  # fmt: skip
     tables = {table.name: table_rows(table) for table in results.tables}
     content = {"facts": dict(results.facts), "tables": tables, "problems": list(results.problems), "runs": runs}

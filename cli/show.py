@@ -229,6 +229,31 @@ def show_results(results: Results) -> None:
     say(*(f"{name}: {facts[name]}" for name in ("camera detector", "frames") if name in facts), *results.problems)
 
 
+def show_summary(results: Results) -> None:
+    """Print a line for each configuration in the space of its own boxes: F1 in clear weather and in the worst other
+    weather, with intervals, and MOTA; then what failed. The rest is in the files.
+    """
+    tables = {table.name: table for table in results.tables}
+    accuracy, by_condition = tables["accuracy"], tables["f1_by_condition"]
+    known = {(line.name, line.space): line for line in by_condition.lines}
+    names = [column.name for column in by_condition.columns]
+    grid = make_table("pipeline", "boxes", "F1 % clear", "F1 % worst weather", "MOTA %", right=["MOTA %"])
+    for line in accuracy.lines:
+        if line.space != ("image" if "2d" in line.name else "3D"):
+            continue
+        figures = dict(zip(names, known[line.name, line.space].figures, strict=True))
+        worst = min(
+            (name for name, f in figures.items() if name != "clear" and f.value is not None),
+            key=lambda name: (figures[name].value or 0.0, name), default="",
+        )  # fmt: skip
+        shown = f"{format_figure(figures[worst], 'share')} {worst}" if worst else "–"
+        clear, mota = (format_figure(figure, "share") for figure in line.figures[:2])
+        grid.add_row(line.name, line.space, clear, shown, mota.partition(" ")[0])
+    console().print(grid)
+    say("F1: 100 if nothing is missed and nothing else reported; in brackets: 95 % of resamples. MOTA: of tracks.")
+    say(*(text for text in results.problems if not text.startswith("missing:")))
+
+
 @contextmanager
 def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` messages are done on stderr while the `with` block runs."""

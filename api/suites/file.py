@@ -79,6 +79,8 @@ class ScoringTable(_Strict):
     iou: Annotated[float, Field(gt=0, le=1)] = 0.5
     regions: list[Text] = []
     seen: Annotated[int, Field(ge=0)] = 0
+    cameras: list[Text] = []
+    """Images in which boxes are scored; all where there are none."""
     profiles: list[Text] = []
 
 

@@ -77,7 +77,8 @@ def make_suite(text: SuiteText, beside: Path, out: Path) -> Suite:
         latency=latency, overload=given.overload,
         on_fault=given.on_fault, fault_budget=given.fault_budget, overwrite=True, no_media=not given.media,
         scoring=ScoreOptions(
-            scoring.range_m, scoring.in_view, scoring.distance_m, scoring.iou, tuple(scoring.regions), scoring.seen
+            scoring.range_m, scoring.in_view, scoring.distance_m, scoring.iou, tuple(scoring.regions), scoring.seen,
+            tuple(scoring.cameras),
         ),
     )  # fmt: skip
     suite = Suite(

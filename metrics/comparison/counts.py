@@ -212,6 +212,7 @@ _BEV = re.compile(r"bev (?P<distance>[\d.e+-]+) m(?:,|$)")
 _IOU = re.compile(r"iou (?P<iou>[\d.e+-]+)(?:,|$)")
 _RANGE = re.compile(r", within (?P<range>[\d.e+-]+|inf) m")
 _SEEN = re.compile(r", seen(?: with (\d+) points)?")
+_CAMERAS = re.compile(r", in image of ([^,]+)")
 _REGION = re.compile(r", in region (.+)$")
 
 
@@ -228,6 +229,8 @@ def options_of(scores: Sequence[Score]) -> ScoreOptions:
             options = replace(options, range_m=float(found["range"]))
         if found := _SEEN.search(text):
             options = replace(options, seen=int(found[1] or 1))
+        if found := _CAMERAS.search(text):
+            options = replace(options, cameras=tuple(found[1].split(" or ")))
         if found := _REGION.search(text):
             options = replace(options, regions=tuple(found[1].split(" or ")))
     return replace(options, in_view=is_viewed or not any(_RANGE.search(text) for text in texts))

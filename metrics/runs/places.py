@@ -9,9 +9,11 @@ import numpy as np
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.data.boxes import Boxes, Boxes3D
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
 from fbench.replay.data.metadata import Region, inside
+from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.geometry.camera import not_projectable, rays
 from fbench.replay.geometry.transforms import pose_matrices
 from fbench.replay.runs.folder import Run
 
@@ -134,3 +136,50 @@ def on_ground(run: Run, kinds: Sequence[str], frame: Int64, center_m: Float64) -
         raise ConfigError(f"log '{run.manifest.log.name}' {why}")
     chosen = [region for region in regions if region.kind in kinds]
     return np.asarray(inside(chosen, ground_points(run, frame, center_m)), bool)
+
+
+def place_in_space(rig: Rig, boxes: Boxes2D) -> Float64:
+    """Return where boxes in images (N,) are in body coordinates (N, 3) [m]; NaN where nobody can tell.
+
+    A box with a distance is that far from the body's origin, on the ray through its center. Of any other the middle of
+    the lower edge is taken to touch the ground, the plane z = 0 of the body: what ends above the horizon is nowhere.
+    """
+    places = np.full((len(boxes), 3), np.nan)
+    left, top, right, bottom = boxes.xyxy_px.T
+    away = np.full(len(boxes), np.nan) if boxes.distance_m is None else boxes.distance_m
+    for name in sorted({str(name) for name in boxes.camera.tolist()} & set(rig.cameras)):
+        if not_projectable(rig.cameras[name]) is not None:
+            continue
+        rows, body_T_camera = np.flatnonzero(boxes.camera == name), rig.body_T_sensor(name)
+        origin = body_T_camera[:3, 3]
+
+        def point(v: Float64, rows: Int64 = rows, name: str = name, turn: Float64 = body_T_camera[:3, :3]) -> Float64:
+            u = (left[rows] + right[rows]) / 2
+            return np.asarray((rays(rig.cameras[name], np.column_stack([u, v]))[:, None, :] * turn).sum(axis=2))
+
+        with np.errstate(invalid="ignore", divide="ignore"):
+            middle, low = point((top[rows] + bottom[rows]) / 2), point(bottom[rows])
+            along = (middle * origin).sum(axis=1)  # |origin + t middle| = away
+            reach = np.sqrt(along**2 - (origin**2).sum() + away[rows] ** 2) - along
+            touch = -origin[2] / low[:, 2]
+            by_distance = (reach >= 0)[:, None]
+            own = np.where(by_distance, reach[:, None] * middle, np.where(touch > 0, touch, np.nan)[:, None] * low)
+        places[rows] = origin + own
+    return places
+
+
+def place_truth(run: Run, frame: Int64, boxes: Boxes2D, places: Float64) -> Float64:
+    """Return the places (N, 3) of truth boxes in images: the center of the box in space with the same frame, by index,
+    and id, where the log has that; else `places`.
+    """
+    table = run.truth_table("3d")
+    if not isinstance(table.boxes, Boxes3D):
+        return places
+    centers = dict(
+        zip(zip(table.frames.tolist(), _ids(table.boxes).tolist(), strict=True), table.boxes.center_m, strict=True)
+    )
+    found = [centers.get(key) for key in zip(frame.tolist(), _ids(boxes).tolist(), strict=True)]
+    known = np.array([at is not None for at in found], bool) & (_ids(boxes) >= 0)
+    places = places.copy()
+    places[known] = [at for at, is_known in zip(found, known, strict=True) if is_known] or np.zeros((0, 3))
+    return places

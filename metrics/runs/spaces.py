@@ -9,7 +9,7 @@ import numpy as np
 
 from fbench.metrics.core.slices import VEHICLE, Group, ScoreCounts, ScoreKey, find_labels, label_group
 from fbench.metrics.runs.columns import Labelled, View, objects_of
-from fbench.metrics.runs.places import find_seen, on_ground, once
+from fbench.metrics.runs.places import find_seen, on_ground, once, place_in_space, place_truth
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match, Statistics
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -95,11 +95,13 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     ranged = derived
     if not derived and isinstance(recorded, Boxes2D):
         ranged = recorded.distance_m is not None and bool(np.isfinite(recorded.distance_m).any())
-    images = _Images(labeled, options, labeled.cameras(table.boxes), derived, ranged)
+    cameras = tuple(name for name in labeled.cameras(table.boxes) if name in options.cameras or not options.cameras)
+    images = _Images(labeled, options, cameras, derived, ranged)
     near = f", within {options.range_m:g} m" if ranged else ""
     view = ", in view" if derived and options.in_view else ""
     from_3d = ", truth projected from 3D" if derived else ""
-    matching = f"iou {options.iou:g}{from_3d}{near}{view}{_limits(options, derived)}"
+    those = f", in image of {' or '.join(sorted(options.cameras))}" if options.cameras else ""
+    matching = f"iou {options.iou:g}{from_3d}{near}{view}{those}{_limits(options, derived)}"
 
     reason, known = None if labeled.frames else "no truth", run.manifest.rig.cameras
     unknown = [name for name in images.cameras if name not in known]  # of truth, whose calibration was left out
@@ -107,15 +109,13 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     if not images.cameras:
         is_there = bool(run.manifest.rig.sensors("camera"))
         reason = (reason or "no camera is calibrated") if is_there else "no cameras"
-    elif options.regions and not derived:
-        reason = "boxes of truth in images have no place in a region"
     elif unknown and (derived or isinstance(table.boxes, Boxes3D)):
         reason = f"camera '{unknown[0]}' has no intrinsics"
     elif bent and (derived or isinstance(table.boxes, Boxes3D)):
         reason = f"lens distortion of '{bent[0]}' isn't modeled"
     if reason is None:
         key = ("truth in images", images.cameras, derived, options)
-        truth, num_invalid = once(run, key, lambda: _truth(labeled, space, options, images.place))
+        truth, num_invalid = once(run, key, lambda: _truth(labeled, space, options, images.place_truth))
         estimates, steps = images.place(*labeled.rows(table)), labeled.steps(images.cameras)
     else:
         truth = estimates = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
@@ -135,7 +135,11 @@ class _Images:
     derived: bool  # Whether truth is 3D truth, projected
     ranged: bool  # Whether the distance of truth is known; where it isn't, boxes of any distance count
 
-    def place(self, frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
+    def place_truth(self, frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
+        """Truth of these frames (N,) in each camera, and which of it some sensor sees."""
+        return self.place(frame, boxes, seen, is_truth=True)
+
+    def place(self, frame: Int64, boxes: Boxes, seen: Bool | None = None, *, is_truth: bool = False) -> Objects:
         """Boxes of these frames (N,) in each camera; of truth, which of them some sensor sees."""
         if isinstance(boxes, Boxes2D):
             held = np.isin(boxes.camera, self.cameras)
@@ -144,12 +148,23 @@ class _Images:
             inside = np.ones(len(boxes), bool)
             if self.ranged and boxes.distance_m is not None:
                 inside = ~(boxes.distance_m > self.options.range_m)
+            if self.options.regions:
+                inside &= self._in_regions(frame, boxes, is_truth)
             return objects_of(boxes, step, inside)
         parts = [self._project(camera, frame, boxes) for camera in range(len(self.cameras))]
         step, rows, inside, xyxy = (np.concatenate(part) for part in zip(*parts, strict=True))
         if self.options.seen and seen is not None:
             inside &= seen[rows]
         return objects_of(boxes[rows], step, inside, xyxy, None if seen is None else seen[rows])
+
+    def _in_regions(self, frame: Int64, boxes: Boxes2D, is_truth: bool) -> Bool:
+        run, index = self.labeled.run, self.labeled.indices[frame]
+        places = np.full((len(boxes), 3), np.nan)
+        for rig, rows in self.labeled.rigs(frame):
+            places[rows] = place_in_space(rig, boxes[rows])
+        if is_truth:
+            places = place_truth(run, index, boxes, places)
+        return on_ground(run, self.options.regions, index, places)
 
     def _project(self, camera: int, frame: Int64, boxes: Boxes3D) -> tuple[Int64, Int64, Bool, Float64]:
         """Steps, rows, region and outlines of the boxes in one camera."""

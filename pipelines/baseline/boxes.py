@@ -1,4 +1,4 @@
-"""Points of the baseline's sensors, boxes around clusters of them, along the axes, and merged with cameras' boxes."""
+"""Points of the baseline's sensors, boxes around clusters of them, and how these are merged with cameras' boxes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +12,7 @@ from fbench.pipelines.baseline.params import PlainParams, PlainSensor, PlainSize
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraStage
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.merged import lidar_points, radar_scans
+from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, fit_rectangles
 from fbench.pipelines.sensors.rows import Rows
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoStage
 from fbench.replay.contracts.params import StageClock
@@ -21,13 +22,15 @@ from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.geometry.camera import in_image, project_body, project_boxes
+from fbench.replay.geometry.iou import flat_iou, upright
 
 
 @dataclass(frozen=True, eq=False)
 class Extents(Rows):
     """N boxes."""
 
-    low: Float64  # (N, 3) in body coordinates [m], or (N, 2) in an image [px]
+    low: Float64
+    """(N, 3) in body coordinates [m] that are turned by `yaw_rad` about z, or (N, 2) in an image [px]"""
     high: Float64  # The opposite corners
     distance_m: Float64  # (N,) from the body's origin [m]; NaN where nothing measured it
     range_rate_mps: Float64
@@ -35,6 +38,7 @@ class Extents(Rows):
     label: Text  # (N,) of a camera; empty where unknown
     score: Float64  # (N,) 0 to 1: a camera's, and 1 for clusters, of which the thesis knows no score
     sources: Array  # (N,) uint8, bits of `Source`
+    yaw_rad: Float64  # (N,) by which the axes of boxes in space are turned; 0 in images
 
 
 def make_extents(low: Float64, high: Float64, source: int | Array, **known: Any) -> Extents:
@@ -42,6 +46,7 @@ def make_extents(low: Float64, high: Float64, source: int | Array, **known: Any)
     num = len(low)
     unknown: dict[str, Any] = dict.fromkeys(("distance_m", "range_rate_mps"), np.full(num, np.nan))
     unknown |= {"label": np.full(num, "", "U16"), "score": np.ones(num)}
+    unknown["yaw_rad"] = np.zeros(num)
     unknown["sources"] = np.broadcast_to(np.asarray(source, np.uint8), num)
     return Extents(low, high, **(unknown | known))
 
@@ -53,6 +58,10 @@ def no_extents(num_axes: int) -> Extents:
 
 def iou(a: Extents, b: Extents) -> Float64:
     """Intersection over union (N, M): of areas in an image, of volumes in space; 0 where both are empty."""
+    if a.yaw_rad.any() or b.yaw_rad.any():
+        start_a, start_b = (np.array([0, len(boxes)]) for boxes in (a, b))
+        flat = flat_iou(upright(to_solid(a)), upright(to_solid(b)), start_a, start_b, solid=True)
+        return np.maximum(flat, 0.0).reshape(len(a), len(b))
     low = np.maximum(a.low[:, None], b.low[None])
     high = np.minimum(a.high[:, None], b.high[None])
     overlap = np.prod(np.clip(high - low, 0, None), axis=2)
@@ -102,7 +111,13 @@ def cluster_pixels(uv_px: Float64, depth_m: Float64, params: plain.PlainImagePar
 
 
 def box_clusters(
-    points: PlainCloud, cluster: Int64, places: Float64, params: PlainSizeParams, label: Text | None = None
+    points: PlainCloud,
+    cluster: Int64,
+    places: Float64,
+    params: PlainSizeParams,
+    label: Text | None = None,
+    *,
+    oriented: bool = False,
 ) -> Extents:
     """Return the extents of clusters (N,) that may be vehicles.
 
@@ -112,13 +127,17 @@ def box_clusters(
         places: (N, D) whose extents are returned: the points in space [m], or in an image [px].
         params: Sizes of vehicles.
         label: (number of clusters,) of each cluster; `None`: there are none.
+        oriented: Whether boxes in space have the heading of the rectangle that fits a cluster best, seen from above;
+            else they lie along the axes.
     """
     rows = members(cluster)
+    enough = [number for number, own in enumerate(rows) if len(own) >= params.least_points]
+    yaw = np.zeros(len(rows))
+    if oriented:
+        yaw[enough] = fit_headings(points.xyz[:, :2], [rows[number] for number in enough])
 
-    def may_be_vehicle(xyz: Float64) -> bool:
-        if len(xyz) < params.least_points:
-            return False
-        x, y, height = np.ptp(xyz, axis=0)
+    def may_be_vehicle(number: int) -> bool:
+        x, y, height = np.ptp(turn_points(points.xyz[rows[number]], -yaw[number]), axis=0)
         is_long = params.least_extent_m <= max(x, y) <= params.most_extent_m
         is_high = params.least_height_m <= height <= params.most_height_m
         return bool(is_long and is_high and min(x, y) <= params.most_width_m)
@@ -128,20 +147,49 @@ def box_clusters(
         known = np.sort(range_rate_mps[np.isfinite(range_rate_mps)])
         return float(known.mean()) if len(known) else np.nan
 
-    kept = [number for number, own in enumerate(rows) if may_be_vehicle(points.xyz[own])]
+    kept = [number for number in enough if may_be_vehicle(number)]
     if not kept:
         return no_extents(places.shape[1])
-    rows = [rows[number] for number in kept]
-    low, high = (np.array([reach(places[own], axis=0) for own in rows]) for reach in (np.min, np.max))
-    middle = [(points.xyz[own].min(axis=0) + points.xyz[own].max(axis=0)) / 2 for own in rows]
+    rows, yaw = [rows[number] for number in kept], yaw[kept]
+    turned = [turn_points(points.xyz[own], -angle) for own, angle in zip(rows, yaw, strict=True)]
+    outlines = turned if places.shape[1] == 3 else [places[own] for own in rows]
+    low, high = (np.array([reach(own, axis=0) for own in outlines]) for reach in (np.min, np.max))
+    # Turned about z, so that the distance is the same.
+    middle = [(own.min(axis=0) + own.max(axis=0)) / 2 for own in turned]
     return make_extents(
         low,
         high,
         np.array([np.bitwise_or.reduce(points.source[own]) for own in rows]),
         distance_m=np.sqrt(np.square(middle).sum(axis=1)),
         range_rate_mps=np.array([mean_rate(points.range_rate_mps[own]) for own in rows]),
+        yaw_rad=yaw if places.shape[1] == 3 else np.zeros(len(rows)),
         **({} if label is None else {"label": label[kept]}),
     )
+
+
+def turn_points(xyz: Float64, yaw_rad: float) -> Float64:
+    """Turn points (N, 3) about z by an angle."""
+    if not yaw_rad:
+        return xyz
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y, z = xyz.T
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y, z])
+
+
+def fit_headings(xy: Float64, rows: Sequence[Int64]) -> Float64:
+    """Return the direction (M,) [rad], above -pi/2 and up to pi/2, of the longer side of the rectangle that fits each
+    cluster best, see `fit_rectangles`. Rows of points (N, 2) of clusters aren't empty.
+
+    The smallest rectangle would be the obvious one, but around two sides of a vehicle, which make a right triangle,
+    three rectangles have the same area.
+    """
+    if not rows:
+        return np.zeros(0)
+    own = [xy[row][np.lexsort(xy[row].T)] for row in rows]  # sums don't depend on the order of points
+    first = np.cumsum([0, *map(len, own)]).astype(np.int64)
+    heading, low_u, high_u, low_v, high_v, _ = fit_rectangles(np.concatenate(own), first, HEADINGS_RAD, NEAR_M).T
+    longest = np.where(high_u - low_u >= high_v - low_v, heading, heading + np.pi / 2)
+    return np.asarray(np.pi / 2 - np.mod(np.pi / 2 - longest, np.pi), np.float64)
 
 
 def members(cluster: Int64) -> list[Int64]:
@@ -163,12 +211,14 @@ def camera_extents(found: CameraDetections) -> Extents:
 def project_extents(boxes: Extents, rig: Rig, camera: str) -> tuple[Extents, Bool]:
     """Boxes in space as outlines in an image, and which of them (N,) show there."""
     outline, seen = project_boxes(rig, camera, to_solid(boxes))
-    return replace(boxes, low=outline[:, :2], high=outline[:, 2:])[seen], seen
+    return replace(boxes, low=outline[:, :2], high=outline[:, 2:], yaw_rad=np.zeros(len(boxes)))[seen], seen
 
 
 def to_solid(boxes: Extents) -> Boxes3D:
-    """Boxes in space, length along x and width along y, all with heading 0."""
-    return Boxes3D((boxes.low + boxes.high) / 2, boxes.high - boxes.low, np.zeros(len(boxes)))
+    """Boxes in space, length along their own x and width along their own y."""
+    middle, cos, sin = (boxes.low + boxes.high) / 2, np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
+    x, y, z = middle.T
+    return Boxes3D(np.column_stack([cos * x - sin * y, sin * x + cos * y, z]), boxes.high - boxes.low, boxes.yaw_rad)
 
 
 def label_boxes(boxes: Extents, rig: Rig, cameras: Mapping[str, CameraDetections], min_iou: float) -> Extents:

@@ -103,6 +103,10 @@ class PlainParams(CheckedParams):
     stereo: PlainSensorParams = field(default_factory=PlainSensorParams)  # Points of stereo.
     depth: StereoParams = field(default_factory=StereoParams)  # How stereo gives depth.
     fusion: PlainFusionParams = field(default_factory=PlainFusionParams)  # How boxes of several sensors become one.
+    oriented: bool = True
+    """Boxes in space have the heading of the rectangle that fits a cluster best, seen from above (Zhang et al., IV
+    2017); else they lie along the axes. The thesis gives its boxes a yaw, but doesn't say how it finds that.
+    """
     detect_every: int = in_range(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()

@@ -91,7 +91,7 @@ class Plain2D(TrackingPipeline[Boxes2D]):
 
     def _cluster_in_space(self, points: PlainCloud, params: PlainImageSensorParams) -> dict[str, Extents]:
         cluster = boxes.cluster_in_space(points, params.cluster)
-        solids = boxes.box_clusters(points, cluster, points.xyz, params.size)
+        solids = boxes.box_clusters(points, cluster, points.xyz, params.size, oriented=self._params.oriented)
         return {name: boxes.project_extents(solids, self._rig, name)[0] for name in self._images}
 
     def _merge(self, camera: str, seen: CameraDetections | None, parts: list[Extents]) -> Boxes2D:

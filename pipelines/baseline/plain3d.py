@@ -43,7 +43,7 @@ class Plain3DParams(PlainParams):
 
 
 class Plain3D(TrackingPipeline[Boxes3D]):
-    """Boxes along the axes in space, from clusters of points; labeled where cameras are used."""
+    """Boxes in space, from clusters of points; labeled where cameras are used."""
 
     def __init__(self, params: Plain3DParams = Plain3DParams()) -> None:
         super().__init__(Tracker3D(params.tracking), params.detect_every)
@@ -84,7 +84,7 @@ class Plain3D(TrackingPipeline[Boxes3D]):
             cluster = boxes.cluster_in_space(points, params.cluster)
             names = boxes.label_points(points.xyz, self._rig, cameras)
             label = boxes.cluster_labels(cluster, names, params.fusion.label_share)
-            found = boxes.box_clusters(points, cluster, points.xyz, params.size, label)
+            found = boxes.box_clusters(points, cluster, points.xyz, params.size, label, oriented=params.oriented)
             return replace(found, sources=boxes.add_camera(found.sources, found.label))
 
     def _late(
@@ -95,7 +95,8 @@ class Plain3D(TrackingPipeline[Boxes3D]):
             own = getattr(self._params, kind)
             with clock.stage(f"detect.{kind}"):
                 cluster = boxes.cluster_in_space(points, own.cluster)
-                parts.append(boxes.box_clusters(points, cluster, points.xyz, own.size))
+                oriented = self._params.oriented
+                parts.append(boxes.box_clusters(points, cluster, points.xyz, own.size, oriented=oriented))
         with clock.stage("fuse"):
             min_iou = self._params.fusion.min_iou
             return boxes.label_boxes(boxes.merge_boxes(parts, min_iou), self._rig, cameras, min_iou)

@@ -35,6 +35,21 @@ def predict(states: States, dt_s: float, drift_std: Float64) -> States:
     return predict_states(one_layout(states), dt_s, dt_s**2, dt_s**3, _each(drift_std, states))
 
 
+def begin_identity(measured: Float64, rates: Float64, place_var: float, rate_var: float) -> States:
+    """New states as `begin` makes them, with P = `place_var` I, but `rate_var` for rates."""
+    return begin(
+        measured, rates, np.full(measured.shape, np.sqrt(place_var)), np.full(measured.shape, np.sqrt(rate_var))
+    )
+
+
+def predict_identity(states: States, dt_s: float, step_var: float) -> States:
+    """Move all states by `dt_s` > 0 with Q = `step_var` I, however long the step is."""
+    moved = predict(states, dt_s, np.zeros(states.shape[2]))
+    moved[PLACE_VAR] += step_var
+    moved[RATE_VAR] += step_var
+    return moved
+
+
 def update(states: States, measured: Float64, measured_std: Float64) -> States:
     """Correct each state with one measurement, (T, m)."""
     return correct_states(one_layout(states), one_layout(measured), _each(measured_std, states))

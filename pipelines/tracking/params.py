@@ -32,6 +32,15 @@ class TrackerParams(CheckedParams, prefix="tracking"):
     """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
     score: Literal["last", "mean"] = "last"  # Score of a track: that of its last detection, or the mean of all so far.
     predicted_share: float = in_range(1.0, 0, 1)  # Share of that score which a track has while nothing measures it.
+    noise: Literal["acceleration", "identity"] = "acceleration"
+    """Covariances of the filter. `acceleration`: measured, rate and drift standard deviations as below, and noise that
+    grows with time. `identity`: scaled identities, as the thesis prints them: R, P and in each step Q, in the units of
+    the state, whatever they are (m, m/s; px, px^2, 1).
+    """
+    identity_r: float = in_range(1.0, MIN_STD)  # With `identity`: variance of each measured component.
+    identity_p: float = in_range(10.0, MIN_STD)  # With `identity`: first variance of each measured component.
+    identity_rate_p: float = in_range(1000.0, MIN_STD)  # With `identity`: first variance of each rate, a large one.
+    identity_q: float = in_range(0.1, 0)  # With `identity`: what each step adds to all variances.
 
 
 @dataclass(frozen=True)

@@ -214,8 +214,9 @@ class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
     carries = ("center_m", "size_lwh_m", "yaw_rad", "velocity_mps", "label", "score", "sources")
 
     def __init__(self, params: Tracker3DParams, *, any_order: bool = False) -> None:
+        measured_std = params.measured_std_m if params.noise == "acceleration" else params.identity_r**0.5
         self._measured_std, self._rate_std, self._drift_std = (
-            np.full(3, std) for std in (params.measured_std_m, params.rate_std_mps, params.drift_std_mps)
+            np.full(3, std) for std in (measured_std, params.rate_std_mps, params.drift_std_mps)
         )
         super().__init__(params, any_order=any_order)
 
@@ -251,12 +252,16 @@ class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
     def _first_states(self, detections: Columns) -> States:
         center = detections["center_m"]
         rates = np.nan_to_num(detections["velocity_mps"]) if self._poses else np.zeros_like(center)
+        if self._params.noise == "identity":
+            return kalman.begin_identity(center, rates, self._params.identity_p, self._params.identity_rate_p)
         return kalman.begin(center, rates, self._measured_std, self._rate_std)
 
     def _measure(self, detections: Columns) -> tuple[Float64, Float64]:
         return detections["center_m"], self._measured_std
 
     def _predict(self, tracks: Tracks, dt_s: float) -> Tracks:
+        if self._params.noise == "identity":
+            return replace(tracks, states=kalman.predict_identity(tracks.states, dt_s, self._params.identity_q))
         return replace(tracks, states=kalman.predict(tracks.states, dt_s, self._drift_std))
 
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
@@ -331,15 +336,23 @@ class Tracker2D(Tracker[Boxes2D, Tracker2DParams]):
 
     def _first_states(self, detections: Columns) -> States:
         measured, measured_std = self._measure(detections)
+        if self._params.noise == "identity":
+            p = self._params
+            return kalman.begin_identity(measured, np.zeros_like(measured), p.identity_p, p.identity_rate_p)
         return kalman.begin(measured, np.zeros_like(measured), measured_std, self._params.rate_std * _unit(measured))
 
     def _measure(self, detections: Columns) -> tuple[Float64, Float64]:
         measured = as_measured(one_layout(detections["xyxy_px"]), MIN_SHAPE)
+        if self._params.noise == "identity":
+            return measured, np.full(measured.shape, np.sqrt(self._params.identity_r))
         return measured, self._params.measured_std * _unit(measured)
 
     def _predict(self, tracks: Tracks, dt_s: float) -> Tracks:
         before = tracks.states
-        states = kalman.predict(before, dt_s, self._params.drift_std * _unit(before[PLACE]))
+        if self._params.noise == "identity":
+            states = kalman.predict_identity(before, dt_s, self._params.identity_q)
+        else:
+            states = kalman.predict(before, dt_s, self._params.drift_std * _unit(before[PLACE]))
         bad = states[PLACE, :, 2:] < MIN_SHAPE
         if bad.any():  # no area or aspect: keep that of before, and forget its rate
             states[PLACE, :, 2:][bad] = np.maximum(before[PLACE, :, 2:][bad], MIN_SHAPE)

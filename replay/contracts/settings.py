@@ -149,9 +149,9 @@ def names_file(params: object, path: str, text: str) -> bool:
     name = path.rpartition(".")[2]
     cls: Any = type(params)  # mypy takes no `type[object]` for a key
     hints = [hint for known, hint in _hints(cls) if known == name]
-    # Other types take some texts as words of their own, such as `none`.
-    may_be = (hint for hint in hints if Path in (hint, *typing.get_args(hint)))
-    return any(isinstance(_parse("", hint, text), Path) for hint in may_be)
+    may_be = [hint for hint in hints if Path in (hint, *typing.get_args(hint))]
+    # A text that one of these types takes as a word of its own, such as `none`, is that word.
+    return bool(may_be) and all(isinstance(_parse("", hint, text), Path) for hint in may_be)
 
 
 @lru_cache(64)

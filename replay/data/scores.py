@@ -34,6 +34,8 @@ class ScoreOptions:
     """Region of interest: only objects that some sensor of the log sees, as its truth tells: with so many points of a
     LiDAR or radar, or in an image; 0: all.
     """
+    cameras: tuple[str, ...] = ()
+    """Images in which boxes are scored; all where empty."""
 
     def __post_init__(self) -> None:
         if not (self.range_m > 0 and 0 < self.distance_m < math.inf):

@@ -11,9 +11,12 @@ import pytest
 from tests.city_log import SMALL_RIG
 from tests.kept_cities import shared_cities
 
+from fbench.api.replays import short_name
+from fbench.api.suites.cells import CellResult
 from fbench.api.suites.logs import Drive
+from fbench.api.suites.suite import SuitePipeline
 from fbench.cli.demo import make_experiment, run_experiment
-from fbench.cli.experiment import Experiment, results_of
+from fbench.cli.experiment import DISTURBANCES, Experiment, results_of, row_name, uses
 from fbench.datasets.city.spec import CitySpec, condition
 from fbench.datasets.importing.run import claim
 from fbench.replay.contracts.errors import ConfigError
@@ -28,13 +31,14 @@ def cities():
         yield
 
 
-def small(folder, *pipelines, conditions=("clear", "fog"), **fields):
+def small(folder, *pipelines, conditions=("clear", "fog"), settings=None, **fields):
     """Drives of a third of a second, without cameras."""
     drives = tuple(
         Drive(CitySpec("highway", condition(name), 0.3, 1, SMALL_RIG), folder / "logs" / f"{name}.mcap")
         for name in conditions
     )
-    return Experiment(drives, pipelines, folder, "fbench demo", **fields)
+    rows = tuple(SuitePipeline(short_name(name), name, tuple((settings or {}).get(name, ()))) for name in pipelines)
+    return Experiment(drives, rows, folder, "fbench demo", **fields)
 
 
 def files(folder):
@@ -42,17 +46,18 @@ def files(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
 
 
-def test_short_version_is_both_worlds_in_all_conditions_of_the_thesis():
+def test_short_version_is_both_worlds_in_the_weathers_that_cost_most():
     what = make_experiment(Path("demo"), None, None, None)
-    assert what.conditions == ["clear", "traffic", "rain", "dense-fog", "night"]
-    assert [drive.name for drive in what.drives][:2] == ["urban-clear-202", "urban-traffic-202"]
+    assert what.conditions == ["clear", "dense-fog", "night"]
+    assert [drive.name for drive in what.drives][:2] == ["urban-clear-202", "urban-dense-fog-202"]
     assert len({drive.spec.log_id for drive in what.drives}) == len(what.drives) == 15
+    assert len({drive.scene for drive in what.drives}) == 5  # so that there are intervals
+    assert what.disturbances == []
     assert what.drives[0].log == Path("demo/city.mcap")
-    assert what.drives[1].log == Path("demo/logs/urban-traffic-202.mcap")
+    assert what.drives[1].log == Path("demo/logs/urban-dense-fog-202.mcap")
     assert what.drives[0].spec.rig.names == ("camera", "lidar", "radar")
-    assert [drive.scene for drive, cell in what.cells() if not cell.no_media] == [
-        scene for scene in ("urban-202", "urban-212", "highway-205") for _ in what.pipelines
-    ]
+    with_media = [cell.drive.condition for cell in what.cells() if not cell.request.no_media]
+    assert with_media == ["clear"] * 5 * len(what.pipelines)
     assert what.command == "fbench demo"
 
 
@@ -63,8 +68,11 @@ def test_drives_have_the_sensors_that_are_asked_for():
     with_pair = make_experiment(Path("demo"), "dev", None, 1, ("*",))
     assert {"stereo_left", "stereo_right", "camera", "lidar", "radar"} == set(with_pair.drives[0].spec.rig.names)
     assert with_pair.command == "fbench demo --split dev --num-seeds 1 --sensors '*'"
-    usual = make_experiment(Path("demo"), "dev", None, 1)
-    assert set(usual.drives[0].spec.rig.names) == {"camera", "lidar", "radar"}
+    assert make_experiment(Path("demo"), "dev", None, 1).drives == with_pair.drives
+    without = make_experiment(Path("demo"), "dev", None, 1, ("camera", "lidar", "radar"))
+    assert set(without.drives[0].spec.rig.names) == {"camera", "lidar", "radar"}
+    stereo = next(row for row in without.pipelines if row.name == "early3d-stereo")
+    assert stereo.settings == ("stereo_pair=on",)  # no settings of cameras that aren't there
     with pytest.raises(ConfigError, match="sonar"):
         make_experiment(Path("demo"), None, None, None, ("sonar",))
 
@@ -89,8 +97,47 @@ def test_full_suite_has_all_scenes_for_each_seed_of_the_split():
     assert len(what.drives) == 28
     assert what.conditions[-3:] == ["traffic+fog", "heavy-rain", "dense-fog"]
     assert what.command == "fbench demo --split test --num-seeds 2"
-    assert {"late3d", "thesis/late3d"} <= set(what.pipelines)
-    assert not any(name.startswith("thesis/") for name in make_experiment(Path("demo"), None, None, None).pipelines)
+    names = {row_name(row) for row in what.pipelines}
+    assert {"late3d", "thesis/late3d", "early3d-stereo", "thesis/late2d-stereo", "thesis/late3d-filter"} <= names
+    assert not any("thesis" in row.base for row in make_experiment(Path("demo"), None, None, None).pipelines)
+
+
+def test_rows_without_stereo_dont_get_the_pair_and_those_with_it_look_into_one_image():
+    what = make_experiment(Path("full"), "test", None, 1)
+    assert what.scoring.cameras == ("camera",)
+    for row in what.pipelines:
+        if "stereo" not in row.name:
+            assert row.sensors
+            assert not any("stereo" in name for name in row.sensors)
+        elif row.name != "stereo3d":
+            assert {"stereo_left.weights=none", "stereo_right.weights=none"} <= set(row.settings)
+    assert {"camera", "stereo_left"} <= set(what.drives[0].spec.rig.names)
+
+
+def test_drives_are_disturbed_that_give_intervals_and_only_for_pipelines_that_use_the_sensor():
+    what = make_experiment(Path("full"), "test", None, None)
+    assert len({drive.scene for drive in what.disturbed}) == 6
+    assert {drive.condition for drive in what.disturbed} == {"clear"}
+    assert all(drive in what.drives for drive in what.disturbed)
+    assert [drive.name for drive in what.rendered][:2] == ["urban-dusk-9001", "highway-dusk-9001"]
+    assert {drive.spec.seconds for drive in what.rendered} == {2.0}
+    assert what.disturbances[:4] == ["clear", "dusk", "low-sun", "glare"]
+    lost = [cell for cell in what.cells() if cell.disturbance == "lidar lost"]
+    names = {cell.name for cell in lost}
+    assert {"lidar2d", "thesis/late3d", "early3d-stereo"} <= names
+    assert not {"camera2d", "radar3d", "stereo3d"} & names
+    assert {cell.request.condition for cell in lost} == {"loss.lidar:100%@1s-"}
+    assert {cell.request.to for cell in lost} == {"2"}
+    cells = what.cells()
+    assert len({cell.request.out for cell in cells}) == len(cells)
+    named = what.name_cells([(cell, CellResult(cell.request, "there")) for cell in cells])
+    assert len({(cell.log, cell.pipeline, cell.condition) for cell, _ in named}) == len(cells)
+    stereo = next(row for row in what.pipelines if row.name == "stereo3d")
+    assert [name for name, text in DISTURBANCES.items() if uses(stereo, text)] == [
+        "glare",
+        "camera lost",
+        "camera away",
+    ]
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(3.0, "3"), (0.3, "0.3"), (1234.5678, "1234.5678")])
@@ -99,7 +146,7 @@ def test_the_command_does_the_same_again(seconds, text):
 
 
 def test_pipelines_are_those_that_need_nothing_beside_the_log():
-    names = make_experiment(Path("demo"), None, None, None).pipelines
+    names = [row.base for row in make_experiment(Path("demo"), None, None, None).pipelines]
     assert {"camera2d", "late3d", "lidar3d", "radar3d"} <= set(names)
     assert not {"exec", "recorded"} & set(names)
 
@@ -150,10 +197,14 @@ def test_a_second_demo_in_a_folder_waits_for_the_first(tmp_path, capsys):
 def test_experiment_is_repeated_in_no_time_and_equal_for_any_number_of_workers(fbench, capsys):
     assert run_experiment(small(Path("one"), "lidar3d", "radar3d"), 1) == 0
     text = capsys.readouterr().out
-    for line in ("logs: 2 (2 simulated, 0 there already)", "runs: 4 of 4 (4 replayed, 0 there already)", "table 9.4",
-                 "table 9.5", "Latency by stage", "frames: 6, each through 2 pipelines; 100.0 % of outputs had truth",
-                 "results: one/results.md", "report: one/report.html"):  # fmt: skip
+    for line in ("logs: 2 (2 simulated, 0 there already)", "runs: 4 of 4 (4 replayed, 0 there already)",
+                 "F1 % worst weather", "results: one/results.md", "report: one/report.html"):  # fmt: skip
         assert line in text
+    assert len(text.splitlines()) <= 12
+    page = Path("one/results.md").read_text()
+    for line in ("table 9.4), %", "table 9.5), %", "table 9.4), road and sidewalk only, %",
+                 "- frames: 6, each through 2 pipelines; 100.0 % of outputs had truth"):  # fmt: skip
+        assert line in page
     first = files(Path("one"))
     assert run_experiment(small(Path("one"), "lidar3d", "radar3d"), 2) == 0
     text = capsys.readouterr().out

@@ -9,6 +9,7 @@ import pytest
 from fbench.api.suites.logs import Drive
 from fbench.api.suites.run import run_suite
 from fbench.api.suites.runner import RunOptions
+from fbench.api.suites.suite import SuitePipeline
 from fbench.cli.experiment import Experiment
 from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.setup.request import ReplayRequest
@@ -151,8 +152,9 @@ def test_folders_of_an_experiment(tmp_path):
     from fbench.datasets.city.spec import CitySpec
 
     drive = Drive(CitySpec("urban"), tmp_path / "a.mcap")
-    ((_, cell),) = Experiment((drive,), ("thesis/late3d",), tmp_path, "fbench demo").cells()
-    assert cell.out == tmp_path / drive.name / "thesis-late3d"
+    row = SuitePipeline("thesis-late3d", "thesis/late3d")
+    (cell,) = Experiment((drive,), (row,), tmp_path, "fbench demo").cells()
+    assert cell.request.out == tmp_path / drive.name / "thesis-late3d"
 
 
 def test_list_of_pipelines_and_parameters_of_a_variant(fbench, far):

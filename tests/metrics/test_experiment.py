@@ -6,6 +6,7 @@ from fbench.metrics.experiment import (
     accuracy_table,
     condition_table,
     configurations,
+    gain_table,
     latency_table,
     robustness_table,
 )
@@ -111,3 +112,55 @@ def test_latency_is_the_median_over_all_runs():
 
 def test_no_runs_give_empty_tables():
     assert accuracy_table([]).lines == robustness_table([], ["clear", "fog"]).lines == ()
+
+
+def many(configuration, hits, condition="clear", space="image"):
+    """A run a scene, each of ten truth boxes, so many of which are found."""
+    return [
+        ScoredRun(configuration, condition, f"urban-{seed}", scores(tp, 0, 10 - tp, space))
+        for seed, tp in enumerate(hits)
+    ]
+
+
+def test_intervals_are_over_scenes_and_paired():
+    """Each scene loses half of its hits in fog: so does every resample of scenes whose F1 is alike."""
+    runs = many("camera2d", [8] * 6) + many("camera2d", [4] * 6, "fog")
+    f1 = accuracy_table(runs).lines[0].figures[0]
+    assert (f1.low, f1.high) == (f1.value, f1.value)
+    fog = robustness_table(runs, ["clear", "fog"]).lines[0].figures[0]
+    assert fog.low == fog.high == pytest.approx(fog.value)
+    spread = accuracy_table(many("camera2d", [2, 4, 6, 8, 10, 10])).lines[0].figures[0]
+    assert spread.low < spread.value < spread.high
+    assert accuracy_table(many("camera2d", [2, 4, 6, 8, 10, 10])).lines[0].figures[0] == spread
+
+
+def test_fewer_than_five_scenes_have_no_interval_and_a_note_says_so():
+    table = accuracy_table(many("camera2d", [8, 6, 4, 2]))
+    assert table.lines[0].figures[0].low is None
+    assert "No intervals where there are fewer than 5 scenes: clear (4)." in table.notes
+
+
+def test_gains_are_those_over_the_best_input_and_say_what_is_not_significant():
+    runs = [
+        *many("camera2d", [5] * 6), *many("lidar2d", [6] * 6), *many("radar2d", [1] * 6),
+        *many("early2d", [8] * 6), *many("late2d", [5, 7, 5, 7, 5, 7]),
+    ]  # fmt: skip
+    table = gain_table(runs, ["clear"])
+    found = {line.name: line.figures[0] for line in table.lines}
+    assert list(found) == ["early2d over lidar2d", "late2d over lidar2d", "early2d over late2d"]
+    assert found["early2d over lidar2d"].value == pytest.approx(8 / 9 - 6 / 8)
+    assert found["late2d over lidar2d"].value == pytest.approx(36 / 48 - 6 / 8)
+    (level,) = [note for note in table.notes if note.startswith("Not significant")]
+    assert level == "Not significant, as the interval holds 0: late2d over lidar2d, image (clear)."
+
+
+def test_stereo_is_compared_with_the_same_fusion_without():
+    runs = [*many("early3d", [8] * 5, space="3D"), *many("early3d-stereo", [7] * 5, space="3D")]
+    (line,) = gain_table(runs, ["clear"]).lines
+    assert (line.name, line.space) == ("early3d-stereo over early3d", "3D")
+    assert line.figures[0].high < 0
+
+
+def test_tables_of_the_region_have_names_of_their_own():
+    assert accuracy_table(RUNS, region=True).name == "accuracy_region"
+    assert robustness_table(RUNS, ["clear", "fog"], region=True).title.endswith("road and sidewalk only, %")

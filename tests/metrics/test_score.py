@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
 
+from fbench.metrics.comparison.counts import options_of
 from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.tracking import Tracking
@@ -51,6 +52,20 @@ def test_a_2d_run_is_scored_in_the_image_alone(make_run: MakeRun) -> None:
     assert [r.metric for r in rows if r.class_ == "vehicle"] == [*PRIMARY, *OTHERS, *IN_IMAGES]
     assert {r.matching for r in rows} == {"iou 0.5"}
     assert rows[0].value == 1.0
+
+
+def test_only_the_images_that_are_asked_for_are_scored(make_run: MakeRun) -> None:
+    """A hit in one image, and a miss and a false alarm in the other; boxes in space are projected into one alone."""
+    truth = boxes2d((0, 0, 9, 9), (0, 0, 9, 9), camera=["front", "rear"], label="car", ids=[1, 1])
+    found = boxes2d((0, 0, 9, 9), (20, 0, 29, 9), camera=["front", "rear"], ids=[1, 2])
+    run = make_run(Case(found, truth2d=truth), rig=front_camera("front", "rear"))
+    front = score_run(run, ScoreOptions(cameras=("front",)), METRICS)[0]
+    assert (front.value, front.matching) == (1.0, "iou 0.5, in image of front")
+    assert [all_scores(run)[0].counts[name] for name in ("tp", "fp", "fn")] == [1, 1, 1]
+    box, options = boxes3d((10, 0), label="car", ids=[1]), ScoreOptions(cameras=("rear",))
+    rows = score_run(make_run(Case(box, box), rig=front_camera("front", "rear")), options, METRICS)
+    assert next(row for row in rows if row.matching.startswith("iou")).counts["tp"] == 1
+    assert options_of(rows) == options  # so that comparisons count the same
 
 
 @pytest.mark.parametrize("truth", [None, Boxes3D.empty()])

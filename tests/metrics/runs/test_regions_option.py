@@ -1,5 +1,6 @@
 """Regions of a log as region of interest, and as slices."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.metadata import Region, regions_text
 from fbench.replay.data.rig import Rig
-from fbench.replay.data.scores import Score, ScoreOptions, region_kinds
+from fbench.replay.data.scores import ScoreOptions, region_kinds
 from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
 from fbench.replay.runs.manifest import LogEntry
 
@@ -96,11 +97,30 @@ def test_2d_results_arent_blamed_for_what_is_elsewhere(tmp_path: Path) -> None:
     assert fp == 0
 
 
-def test_recorded_2d_truth_has_no_place(tmp_path: Path) -> None:
-    box = boxes2d((0, 0, 9, 9), label="car")
-    run = regional_run(tmp_path / "run", [Case(box, truth2d=box)], [EAST], front_camera())
-    rows: list[Score] = score_run(run, ScoreOptions(regions=("road",)), (Detection(),))
-    assert (rows[0].value, rows[0].reason) == (None, "boxes of truth in images have no place in a region")
+def test_truth_in_images_is_where_its_box_in_space_is(tmp_path: Path) -> None:
+    """Both outlines touch the road; by their ids, one object is on it and one far beside it."""
+    truth = boxes3d((10, 0), (10, 20), label="car", ids=[1, 2])
+    truth2d = boxes2d((349.5, 262, 449.5, 337), (500, 262, 560, 337), label="car", ids=[1, 2])
+    run = regional_run(tmp_path / "run", [Case(truth2d, truth, truth2d)], [EAST], front_camera())
+    assert counts(run, ScoreOptions(), space="iou") == (2, 0, 0, 0)
+    assert counts(run, ScoreOptions(regions=("road",)), space="iou") == (1, 0, 0, 1)
+
+
+def test_false_alarms_in_images_are_where_they_touch_the_ground_or_as_far_as_measured(tmp_path: Path) -> None:
+    """A lower edge 75 px below the horizon of a camera 1.5 m high, f 400 px, is 8 m ahead; the second, 300 px to the
+    left, is 6 m to the left, on the sidewalk. The third ends above the horizon, so it is nowhere.
+    With distances, the first is 31 m away, behind the end of the road at 30 m, and the third 20 m away, over the road.
+    """
+    low = front_camera()
+    rig = replace(low, mounts={"front": replace(low.mounts["front"], translation_m=np.array([0, 0, 1.5]))})
+    found = boxes2d((389.5, 344.5, 409.5, 374.5), (89.5, 344.5, 109.5, 374.5), (389.5, 100, 409.5, 200))
+    run = regional_run(tmp_path / "a", [Case(found, boxes3d((20, 0), label="car"))], [EAST], rig)
+    assert counts(run, ScoreOptions(regions=("road",)), space="iou")[1] == 1
+    assert counts(run, ScoreOptions(regions=("sidewalk",)), space="iou")[1] == 1
+    assert counts(run, ScoreOptions(regions=("road", "sidewalk")), space="iou")[1] == 2
+    far = replace(found, distance_m=np.array([31.0, np.nan, 20.0]))
+    run = regional_run(tmp_path / "b", [Case(far, boxes3d((20, 0), label="car"))], [EAST], rig)
+    assert counts(run, ScoreOptions(regions=("road",)), space="iou")[1] == 1
 
 
 def test_unknown_kinds_and_missing_poses_are_refused(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Clusters as boxes along the axes, and which are dropped."""
+"""Clusters as boxes, along the axes or turned, and which are dropped."""
 
 import numpy as np
 import pytest
@@ -10,9 +10,12 @@ from fbench.pipelines.baseline.boxes import (
     cluster_in_space,
     cluster_pixels,
     crop,
+    fit_headings,
+    iou,
     join_clouds,
     make_cloud,
     members,
+    to_solid,
 )
 from fbench.pipelines.baseline.params import PlainClusterParams, PlainCropParams, PlainImageParams, PlainSizeParams
 from fbench.replay.data.boxes import Source
@@ -127,3 +130,46 @@ def test_the_order_of_points_changes_nothing(seed):
     first, second = (box_clusters(c, cluster_in_space(c, PlainClusterParams(0.8, 3)), c.xyz, ANY) for c in (a, b))
     for name in ("low", "high", "distance_m", "range_rate_mps", "sources"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def l_shape(yaw, x=20.0, y=5.0):
+    """The rear, 1.8 m, and the side, 4 m, of a car that heads in a direction: no two of its corners are diagonal."""
+    side, rear = np.linspace(0, 4, 21), np.linspace(0.1, 1.8, 18)
+    xy = np.concatenate([np.column_stack([side, 0 * side]), np.column_stack([0 * rear, rear])])
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    xy = xy @ turn.T + [x, y]
+    return np.column_stack([xy, np.linspace(0.5, 1.5, len(xy))])
+
+
+@pytest.mark.parametrize("degrees", [0, 25, 60, 90, 120, -45])
+def test_a_turned_box_lies_along_the_sides_of_its_cluster(degrees):
+    yaw = np.radians(degrees)
+    xyz = l_shape(yaw)
+    found = box_clusters(make_cloud(xyz, Source.L), np.zeros(len(xyz), np.int64), xyz, ANY, oriented=True)
+    solid = to_solid(found)
+    center = np.array([20, 5]) + np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]) @ [2, 0.9]
+    np.testing.assert_allclose(solid.center_m, [[*center, 1.0]], atol=0.05)
+    np.testing.assert_allclose(solid.size_lwh_m, [[4, 1.8, 1]], atol=0.08)
+    assert np.sin(solid.yaw_rad[0] - yaw) == pytest.approx(0, abs=0.03)
+    np.testing.assert_allclose(found.distance_m, np.linalg.norm(solid.center_m, axis=1))
+
+
+def test_points_on_a_line_and_single_points_have_a_heading():
+    line, point = np.array([[1.0, 1], [2, 2], [3, 3]]), np.array([[1.0, 1]])
+    assert fit_headings(line, [np.arange(3)]) == pytest.approx([np.pi / 4], abs=0.02)
+    assert len(fit_headings(point, [np.arange(1)])) == 1
+    assert len(fit_headings(point, [])) == 0
+
+
+def test_headings_dont_depend_on_the_order_of_points():
+    xy = np.random.Generator(np.random.Philox(3)).normal(0, [3, 1], (40, 2))
+    assert fit_headings(xy, [np.arange(40)]) == fit_headings(xy[::-1], [np.arange(40)])
+
+
+def test_turned_boxes_overlap_as_rectangles():
+    """Two of 4 x 1.8 m at one place, at right angles: they share 1.8 x 1.8 of 2 x 7.2 - 3.24 m^2."""
+    one, other = (
+        box_clusters(make_cloud(xyz, Source.L), np.zeros(len(xyz), np.int64), xyz, ANY, oriented=True)
+        for xyz in (l_shape(0.0), l_shape(np.pi / 2, 22.9, 3.9))
+    )
+    np.testing.assert_allclose(iou(one, other), [[3.24 / (14.4 - 3.24)]], rtol=1e-4)

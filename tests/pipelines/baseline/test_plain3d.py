@@ -29,12 +29,18 @@ def near(boxes, x, y=0.0):
 
 
 def test_a_box_of_lidar_is_the_extent_of_what_it_sees():
-    """The back of a car at 20 m, 1.8 m wide and from 0.4 to 1.2 m over the ground; nothing is completed."""
-    output = pipeline(sensors=("lidar",)).step(frame(0, cloud()))
+    """The back of a car at 20 m, 1.8 m wide and from 0.4 to 1.2 m over the ground; nothing is completed, so that its
+    longer side is across.
+    """
+    output = pipeline("oriented=false", sensors=("lidar",)).step(frame(0, cloud()))
     (box,) = output.detections.center_m
     np.testing.assert_allclose(box, [20, 0, -0.8], atol=1e-6)
     np.testing.assert_allclose(output.detections.size_lwh_m, [[0, 1.8, 0.8]], atol=1e-6)
     assert output.detections.yaw_rad.tolist() == [0.0]
+    turned = pipeline(sensors=("lidar",)).step(frame(0, cloud())).detections
+    np.testing.assert_allclose(turned.center_m, [[20, 0, -0.8]], atol=1e-6)
+    np.testing.assert_allclose(turned.size_lwh_m, [[1.8, 0, 0.8]], atol=1e-6)
+    assert turned.yaw_rad.tolist() == [pytest.approx(np.pi / 2)]
     assert output.detections.sources.tolist() == [Source.L]
     assert output.detections.label is None
 

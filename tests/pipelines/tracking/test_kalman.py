@@ -1,7 +1,18 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.tracking.kalman import COVARIANCE, PLACE, PLACE_VAR, RATE, RATE_VAR, begin, predict, update
+from fbench.pipelines.tracking.kalman import (
+    COVARIANCE,
+    PLACE,
+    PLACE_VAR,
+    RATE,
+    RATE_VAR,
+    begin,
+    begin_identity,
+    predict,
+    predict_identity,
+    update,
+)
 
 
 def test_prediction_moves_by_rate_times_time_and_grows_uncertain() -> None:
@@ -68,3 +79,16 @@ def test_no_tracks() -> None:
     empty = np.zeros((0, 3))
     states = begin(empty, empty, np.ones(3), np.ones(3))
     assert update(predict(states, 0.1, np.ones(3)), empty, np.ones(3)).shape == (5, 0, 3)
+
+
+def test_scaled_identities_are_those_of_the_whole_matrices() -> None:
+    """The thesis's P, Q and R, with F, H and P as matrices: P = 10 I, but 1000 for rates, Q = 0.1 I, R = I."""
+    F, H = np.array([[1, 0.1], [0, 1]]), np.array([[1.0, 0]])
+    states = begin_identity(np.array([[3.0]]), np.zeros((1, 1)), 10.0, 1000.0)
+    x, P = np.array([3.0, 0]), np.diag([10.0, 1000.0])
+    for z in (3.4, 3.9, 4.3):
+        states = update(predict_identity(states, 0.1, 0.1), np.array([[z]]), np.ones(1))
+        x, P = F @ x, F @ P @ F.T + 0.1 * np.eye(2)
+        K = P @ H.T / (H @ P @ H.T + 1.0)
+        x, P = x + K[:, 0] * (z - x[0]), (np.eye(2) - K @ H) @ P
+    np.testing.assert_allclose(states[:, 0, 0], [*x, P[0, 0], P[0, 1], P[1, 1]], rtol=1e-9)

@@ -46,7 +46,7 @@ CASES = (
     Case("thesis/camera2d", "C"), Case("thesis/lidar2d", "L", LOW), Case("thesis/radar2d", "R", LOW),
     Case("thesis/lidar3d", "L", LOW), Case("thesis/radar3d", "R", LOW), Case("thesis/early2d", "CLR", LOW),
     Case("thesis/early3d", "CLR", LOW), Case("thesis/early3d-stereo", "CLRS", LOW),
-    Case("thesis/late2d", "CLR", LOW), Case("thesis/late3d", "CLR", LOW),
+    Case("thesis/late2d", "CLR", LOW), Case("thesis/late2d-stereo", "CLRS", LOW), Case("thesis/late3d", "CLR", LOW),
 )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from fbench.pipelines.variants.early_late import Late3D, Late3DParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.contracts.settings import apply_settings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Frame
@@ -186,6 +187,10 @@ def test_weights_of_one_camera_alone(one_car: Path):
     assert output.missing == {"rear": "no weights"}
     with pytest.raises(ConfigError, match="camera2d needs a detector"):
         Camera2D(Camera2DParams()).start(TWO_CAMERAS, LOG)
+
+
+def test_none_is_a_word_also_where_other_weights_must_be_files():
+    assert pipeline_parameters("late3d", ["rear.weights=none"])["rear.weights"] == "none"
 
 
 def test_none_turns_cameras_off_on_simulated_logs():

@@ -20,7 +20,7 @@ from fbench.replay.setup.source import LogRequest
 SENSORS = {
     "camera2d": "camera", "lidar2d": "lidar", "radar2d": "radar", "lidar3d": "lidar", "radar3d": "radar",
     "early2d": "camera,lidar,radar", "early3d": "camera,lidar,radar", "early3d-stereo": "camera,lidar,radar,stereo",
-    "late2d": "camera,lidar,radar", "late3d": "camera,lidar,radar",
+    "late2d": "camera,lidar,radar", "late2d-stereo": "camera,lidar,radar,stereo", "late3d": "camera,lidar,radar",
 }  # fmt: skip
 
 
@@ -34,7 +34,7 @@ def test_what_each_uses(name):
     assert ",".join(parameters["uses"]) == SENSORS[name]
     early = name.startswith("early") or name in ("lidar2d", "radar2d")
     assert parameters["strategy"] == ("early" if early else "late")
-    assert parameters["tracking.association"] == "iou"
+    assert (parameters["tracking.association"], parameters["tracking.noise"]) == ("iou", "identity")
     assert make_pipeline(f"thesis/{name}", [])[1] == parameters
 
 
