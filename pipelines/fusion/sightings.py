@@ -89,7 +89,7 @@ def join_sightings(
         opinion[camera[rows]] = told[rows, camera[rows]]
         if np.count_nonzero(weight) > 1:
             score[rows] = probability_of((weight * opinion).sum(keepdims=True) / weight.sum())
-            near[rows] = _join_distances([seen[at] for at in rows])
+            near[rows] = _join_distances([seen[at] for at in rows.tolist()])
             is_sure[rows] = is_sure[rows].any() and score[rows[0]] >= AT_MIN_SCORE
     return Sightings(number, score, is_sure, near)
 
@@ -131,4 +131,5 @@ def _place(rig: Rig, one: CameraObservation) -> Float64:
     left, top, right, bottom = one.xyxy_px
     ray = rays(rig.cameras[one.camera], np.array([[(left + right) / 2, (top + bottom) / 2]]))[0]
     ray = (rig.body_T_sensor(one.camera)[:3, :3] * ray).sum(axis=1)
-    return one.eye_m + ray * (one.near_m + one.depth_m) / max(float(np.hypot(ray[0], ray[1])), 1e-3)
+    place: Float64 = one.eye_m + ray * (one.near_m + one.depth_m) / max(float(np.hypot(ray[0], ray[1])), 1e-3)
+    return place
