@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Literal
 
-from fbench.pipelines.fusion.early.cloud import DepthStage, DepthView, Scene, merge_clouds
+from fbench.pipelines.fusion.early.cloud import DepthStage, DepthView, Scene, find_dense_ground, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
 from fbench.pipelines.fusion.early.image import EarlyImageFusion, EarlyImageParams
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
@@ -189,8 +189,10 @@ class OneCloud(FusionPipeline[B]):
         (cameras, depth, echoes), faults = seen
         with clock.stage("fuse"):
             stage, depth = self._depth, self._depth.remember(depth)
+            plane, tall_echoes = find_dense_ground(echoes, depth.plane)
+            depth = replace(depth, plane=plane)
             cloud = merge_clouds(depth, echoes, self._one_cloud.radar.min_speed_mps, self._echoes)
-            scene = Scene(self._rig, cameras, cloud, depth.plane, depth.lidar.tall, stage.eye_m, stage.shapes)
+            scene = Scene(self._rig, cameras, cloud, plane, depth.lidar.tall, stage.eye_m, stage.shapes, tall_echoes)
             boxes = self._fuse(scene, depth)
         return Detected(boxes, faults, dict.fromkeys(depth.noisy, NOISE))
 

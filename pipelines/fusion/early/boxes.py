@@ -9,6 +9,9 @@ from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
 from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed
 from fbench.pipelines.fusion.observations import outline_overlaps
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
+from fbench.pipelines.sensors.image import objects as image
+from fbench.pipelines.sensors.image.objects import Cloud, score_groups
+from fbench.pipelines.sensors.image.params import RadarImageParams
 from fbench.pipelines.sensors.lidar.classification import Seen, Standing, classify
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, complete_known, fit_rectangles, half_turn
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
@@ -137,15 +140,20 @@ def _overlaps(scene: Scene, seen: Observed, groups: Groups, table: Float64, z: F
     return result
 
 
-def classify_shapes(scene: Scene, groups: Groups, shape: Shapes, least: float) -> tuple[Float64, Text]:
+def classify_shapes(
+    scene: Scene, groups: Groups, shape: Shapes, least: float, echo_shapes: bool
+) -> tuple[Float64, Text]:
     """Probability (M,) that groups are road users by the shape of their points as `fit_shapes` uses them, NaN where
-    they are too few, and labels (M,) by shape. Where LiDARs deliver, shapes of stereo say nothing: what isn't noise
-    LiDARs see, too.
+    they are too few, and labels (M,) by shape. Where LiDARs deliver, shapes of echoes count with
+    `echo_shapes` only, and those of stereo say nothing: what isn't noise LiDARs see, too.
     """
-    probability, label = np.full(len(groups), np.nan), np.full(len(groups), "car", "<U16")
+    label = np.full(len(groups), "car", "<U16")
     is_lidar = scene.cloud.source == int(Source.L)
     enough = groups.sums(is_lidar[groups.rows]) >= least
     rows = np.flatnonzero(shape.by_shape & (enough | ~is_lidar.any()))
+    probability = np.full(len(groups), np.nan)
+    if echo_shapes or not is_lidar.any():
+        probability = _judge_echoes(scene, groups, shape)
     if scene.plane is None or not len(rows):
         return probability, label
     seen = Seen(_sort_points(scene, groups, rows, least), shape.rectangles[rows], scene.plane, scene.eye_m)
@@ -158,6 +166,32 @@ def classify_shapes(scene: Scene, groups: Groups, shape: Shapes, least: float) -
     if boxes.label is not None:
         label[rows] = boxes.label
     return probability, label
+
+
+_ECHO_WEIGHT, _LEAST_BY_ECHOES = 0.7, 0.3
+"""How far shapes of echoes are believed; less than the second says nothing: many vehicles look odd to a radar."""
+
+
+def _judge_echoes(scene: Scene, groups: Groups, shape: Shapes) -> Float64:
+    """Probability (M,) that what a camera sees, and LiDAR and stereo too little of, is a vehicle by the shape of its
+    radar echoes, NaN where they say nothing, or are too few in a frame to show shapes.
+    """
+    result = np.full(len(groups), np.nan)
+    if scene.tall_echoes is None:
+        return result
+    is_judged = (groups.observation >= 0) & ~shape.by_shape
+    used = is_judged[groups.number] & (scene.cloud.source[groups.rows] == int(Source.R))
+    rows, number = groups.rows[used], groups.number[used]
+    if not len(rows):
+        return result
+    judged, cluster = np.unique(number, return_inverse=True)
+    cloud, none = scene.cloud[rows], np.zeros(len(rows))
+    own = Cloud(
+        scene.plane, cloud.xyz, cloud.height_m, scene.tall_echoes, scene.eye_m, cloud.is_moving, none, none, none
+    )
+    score = _ECHO_WEIGHT * score_groups(image.Groups.of(own, cluster), RadarImageParams().shape)
+    result[judged] = np.where(score >= _LEAST_BY_ECHOES, score, np.nan)
+    return result
 
 
 def _sort_points(scene: Scene, groups: Groups, chosen: Int64, least: float) -> Standing:

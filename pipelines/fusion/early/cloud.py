@@ -6,8 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.image.params import RadarImageParams
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, Obstacles, obstacles
-from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.points.grid import lexicographic_order
+from fbench.pipelines.sensors.points.ground import Plane, find_ground
 from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.stage import Compensated
 from fbench.pipelines.sensors.rows import Rows
@@ -15,7 +17,7 @@ from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoStage
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
-from fbench.replay.data.arrays import Array, Bool, Float64
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
@@ -86,6 +88,23 @@ def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: fl
     return FusedCloud.join([dense, every[moving | standing]])
 
 
+_DENSE = RadarImageParams()  # From how many echoes on a radar shows the ground and shapes
+
+
+def find_dense_ground(echoes: Compensated | None, plane: Plane | None) -> tuple[Plane | None, Float64 | None]:
+    """The ground, by radar where nothing else shows it, and echoes (K, 3) above the height of vehicles [m]; `None`
+    where the echoes are too few to show ground and shapes.
+    """
+    if echoes is None or len(echoes.xyz) < _DENSE.min_echoes:
+        return plane, None
+    if plane is None:
+        plane = find_ground(echoes.xyz[lexicographic_order(*echoes.xyz.T)], _DENSE.ground)[0]
+    if plane is None:
+        return None, None
+    height = echoes.xyz[:, 2] - plane.z_m(echoes.xyz)
+    return plane, echoes.xyz[(height >= _DENSE.max_height_m) & (height < 2.5 * _DENSE.max_height_m)]
+
+
 _EXACT_M = 0.3
 """Points of stereo with such an error of depth [m] count half."""
 
@@ -96,6 +115,31 @@ def rate_exactness(range_m: Float64, focal_baseline: float, sigma_px: float) -> 
     """
     error_m = range_m**2 / focal_baseline * sigma_px
     return np.asarray(1 / (1 + (error_m / _EXACT_M) ** 2), np.float64)
+
+
+_CELL_RAD = np.radians(0.5)  # Beams of a LiDAR that isn't sparse are at most about twice as far from each other
+
+
+_CELLS = round(2 * np.pi / _CELL_RAD)  # Around
+
+
+def find_unmeasured(xyz: Float64, measured: Float64, eye_m: Float64) -> Bool:
+    """Which points (N, 3) lie in directions from `eye_m` (3,) in and beside which LiDARs measured nothing, given all
+    their points (K, 3) in the same coordinates. In the others stereo tells nothing that LiDARs don't know better.
+    """
+    is_measured = np.zeros((_CELLS, _CELLS // 2 + 3), np.bool_)
+    azimuth, elevation = _direction_cells(measured - eye_m)
+    for beside in (-1, 0, 1):
+        for above in (0, 1, 2):
+            is_measured[(azimuth + beside) % _CELLS, elevation + above] = True
+    azimuth, elevation = _direction_cells(xyz - eye_m)
+    return np.asarray(~is_measured[azimuth % _CELLS, elevation + 1], np.bool_)
+
+
+def _direction_cells(ray: Float64) -> tuple[Int64, Int64]:
+    x, y, z = ray.T
+    azimuth, elevation = np.arctan2(y, x) + np.pi, np.arctan2(z, np.hypot(x, y)) + np.pi / 2
+    return np.floor(azimuth / _CELL_RAD).astype(np.int64), np.floor(elevation / _CELL_RAD).astype(np.int64)
 
 
 _NOTHING = Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))  # Of a sensor that doesn't deliver
@@ -146,6 +190,9 @@ class DepthStage:
             noisy = (pair.left, pair.right) if view.is_off else ()
             with clock.stage("preprocess"):
                 stereo = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else stereo
+                if points is not None:
+                    own = find_unmeasured(stereo.xyz, points, self._stereo.eye_m)
+                    stereo = replace(stereo, xyz=stereo.xyz[own], height_m=stereo.height_m[own])
                 ray, sigma_px = stereo.xyz - self._stereo.eye_m, self._params.cluster.sigma_px
                 exactness = rate_exactness(np.hypot(ray[:, 0], ray[:, 1]), self._stereo.focal_baseline, sigma_px)
         return DepthView(lidar, stereo, lidar.plane or stereo.plane, noisy, points, exactness)
@@ -162,3 +209,6 @@ class Scene:
     tall: Float64  # (K, 3) LiDAR points above the height of cars [m]
     eye_m: Float64  # (3,) from where the cloud is seen [m]
     shapes: LidarParams  # How shapes are classified, and what partly seen cars are completed to
+    tall_echoes: Float64 | None = None
+    """(K, 3) radar echoes above the height of vehicles [m], where there are enough to show shapes; see `dense_ground`.
+    """

@@ -65,6 +65,9 @@ class EarlyParams(CheckedParams, prefix="fusion"):
     semantics: SemanticsParams = field(default_factory=SemanticsParams)  # How points take the labels of camera boxes.
     density: DensityParams = field(default_factory=DensityParams)  # How points are clustered.
     existence: ExistenceParams = field(default_factory=ExistenceParams)  # How sure it is that clusters are road users.
+    echo_shapes: bool = False
+    """Whether shapes of radar echoes count beside a LiDAR that delivers, as they do without one. In space they don't:
+    echoes place vehicles too poorly."""
     fit_points: float = in_range(4.0, 1, 1e6)  # From so many points of LiDAR and stereo on their shape gives the box.
     most_extent_m: float = in_range(20.0, 0.1, 1000)
     """Clusters wider than this along x or y [m] that no camera sees are walls."""
@@ -115,7 +118,7 @@ def find_candidates(scene: Scene, params: EarlyParams) -> Candidates:
         groups = groups.select((groups.observation >= 0) | (extent <= params.most_extent_m))
     counts = grouping.count_points(groups, cloud)
     shape = fit_shapes(cloud, groups, counts, params.fit_points)
-    by_shape, label = classify_shapes(scene, groups, shape, params.fit_points)
+    by_shape, label = classify_shapes(scene, groups, shape, params.fit_points, params.echo_shapes)
     names = np.array([one.label for one in seen.observations] or [""], np.str_)
     label = np.where(groups.observation >= 0, names[groups.observation], label)
     boxes, overlap = place_boxes(scene, seen, groups, shape, label)
@@ -142,9 +145,8 @@ def _existence(
     params: ExistenceParams,
 ) -> Float64:
     """Probability (M,) of groups, given that by shape (M,) and the boxes' IoU (M,), NaN where there is none."""
-    scores = np.array([one.score for one in seen.observations] or [np.nan])
-    camera_score = np.where(groups.observation >= 0, scores[groups.observation], np.nan)
-    is_sure = np.array([one.is_sure for one in seen.observations] + [False])[groups.observation]
+    camera_score = np.append(seen.sightings.score, np.nan)[groups.observation]
+    is_sure = np.append(seen.sightings.is_sure, False)[groups.observation]
     height_px = groups.sums(seen.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1)
     has_dense = bool((scene.cloud.source != int(Source.R)).any())
     lidar, stereo = ((counts.sources & int(bit)) > 0 for bit in (Source.L, Source.S))

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud
-from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, observe_camera
+from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, as_probability, observe_camera
+from fbench.pipelines.fusion.sightings import Sightings, join_sightings
 from fbench.pipelines.fusion.sizes import SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.contracts.params import CheckedParams, in_range
-from fbench.replay.data.arrays import Array, Float64, Int64
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import in_image, project_body
@@ -33,6 +34,9 @@ class SemanticsParams(CheckedParams, prefix="fusion.semantics"):
     """An object reaches this much farther from its near side [m] than its typical size says."""
     echo_share: float = in_range(0.3, 0, 1000)
     """A standing radar echo counts as so much of a LiDAR point when the depth of an object is looked for."""
+    alone_share: float = in_range(0.5, 0, 1)
+    """Boxes below this share of a camera's `min_score` [0 to 1] take points only where those of LiDAR and stereo are
+    too few for a shape: elsewhere shapes tell more."""
     least: float = in_range(1.5, 0, 1e6)
     """So many points, weighted by how likely their depth is, are needed to see an object."""
 
@@ -42,12 +46,14 @@ class Observed:
     """Observations of cameras, and which points of a cloud they show."""
 
     observations: tuple[CameraObservation, ...]
-    instance: Int64  # (N,) which of them a point belongs to, -1: none
+    instance: Int64  # (N,) which of them a point belongs to, -1: none; one of those that show the same object
     height_px: Float64
     """(N,) how high a car at the point looks in a working camera [px], the best of several; 0 out of view and behind
     what the camera sees."""
-    taken: tuple[Int64, ...] = ()
+    taken: tuple[Int64, ...]
     """Of each observation the points (rows of the cloud) that it shows, also where another camera's counts."""
+    sightings: Sightings  # Which of them show one object
+    is_weak: Bool  # (S,) whether they count only where LiDAR and stereo show no shape
 
 
 def label_points(
@@ -57,26 +63,47 @@ def label_points(
 
     In each camera nearer objects take their points first, those that the camera is sure of before all others. An object
     takes the points of one stretch of distances, as deep as it may be: that with most points, weighted by how well they
-    fit the distance that the box's size and the ground suggest. What stands before and behind it keeps out. Of two
-    cameras the better score counts.
+    fit the distance that the box's size and the ground suggest. What stands before and behind it keeps out. Of the
+    observations of one object one counts: of those with its likeliest label that whose points most others show, too. Of
+    two objects the likelier one takes a point.
     """
-    instance, height = np.full(len(cloud), -1), np.zeros(len(cloud))
-    best, known, taken = np.zeros(len(cloud)), list[CameraObservation](), list[Int64]()
+    height, known = np.zeros(len(cloud)), list[CameraObservation]()
+    for name in sorted(cameras):
+        found = observe_camera(rig, name, cameras[name], plane, AssociationParams())
+        known += sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist()))
+    joint, taken = join_sightings(rig, sorted(cameras), known, AssociationParams()), list[Int64]()
+    weak = list[bool]()
     for name in sorted(cameras):
         uv, _ = project_body(rig, name, cloud.xyz)
-        found = observe_camera(rig, name, cameras[name], plane, AssociationParams())
         view = _View(cloud, uv, rig, name)
-        for one in sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist())):
-            rows = view.take(one, params)
-            taken.append(rows)
-            rows = rows[one.score > best[rows]]
-            instance[rows], best[rows] = len(known), one.score
-            known.append(one)
+        least = as_probability(params.alone_share * cameras[name].min_score, cameras[name].min_score)
+        for one, near in zip(known, joint.near_m.tolist(), strict=True):
+            if one.camera == name:
+                weak.append(one.score < least)
+                taken.append(view.take(one, near, weak[-1], params))
         model, ray = rig.cameras[name], cloud.xyz - rig.body_T_sensor(name)[:3, 3]
         distance = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1.0)
         tall = np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"].height_m / distance, 0.0)
         height = np.maximum(height, np.where(view.hidden, 0.0, tall))
-    return Observed(tuple(known), instance, height, tuple(taken))
+    instance, best = np.full(len(cloud), -1), np.zeros(len(cloud))
+    for one in np.unique(joint.number):
+        at = _choose(np.flatnonzero(joint.number == one), known, taken, len(cloud))
+        rows = taken[at]
+        rows = rows[joint.score[at] > best[rows]]
+        instance[rows], best[rows] = at, joint.score[at]
+    return Observed(tuple(known), instance, height, tuple(taken), joint, np.array(weak, np.bool_))
+
+
+def _choose(members: Int64, known: list[CameraObservation], taken: list[Int64], num_points: int) -> int:
+    """Of observations of one object with its likeliest label that whose points most others show, too."""
+    if len(members) == 1:
+        return int(members[0])
+    labels = np.array([known[at].label for at in members])
+    scores = np.array([known[at].score for at in members])
+    votes = np.array([scores[labels == label].sum() for label in labels])
+    shown = np.bincount(np.concatenate([taken[at] for at in members]), minlength=num_points) - 1
+    able = members[votes >= votes.max()]
+    return int(max(able, key=lambda at: (int(shown[taken[at]].sum()), -at)))
 
 
 class _View:
@@ -91,8 +118,10 @@ class _View:
         self.hidden = np.zeros(len(uv), np.bool_)  # which points of the cloud lie behind objects so far
         self._focal_px = float(rig.cameras[camera].K[0, 0])
 
-    def take(self, one: CameraObservation, params: SemanticsParams) -> Int64:
-        """Rows of the cloud that belong to an observation; none where too little is there."""
+    def take(self, one: CameraObservation, near_m: float, is_weak: bool, params: SemanticsParams) -> Int64:
+        """Rows of the cloud that belong to an observation, by where all cameras guess its near side [m]; none where too
+        little is there.
+        """
         left, top, right, bottom = one.xyxy_px
         u, v = self._uv[:, 0], self._uv[:, 1]
         aside = np.where(self._is_echo, params.radar_rad * self._focal_px, -params.inset * (right - left))
@@ -100,10 +129,10 @@ class _View:
         # Radar is too poor at heights to ask for them.
         inside &= ((v > top - params.margin_px) & (v < bottom + params.margin_px)) | self._is_echo
         if one.is_sure:
-            self.hidden[self._rows] |= inside & (self._distance > one.near_m)
+            self.hidden[self._rows] |= inside & (self._distance > near_m)
         rows: Int64 = np.flatnonzero(self._free & inside)
         rows = rows[np.argsort(self._distance[rows], kind="stable")]
-        deviation = np.log(np.maximum(self._distance[rows], 0.1) / one.near_m) / one.std
+        deviation = np.log(np.maximum(self._distance[rows], 0.1) / near_m) / one.std
         near = np.abs(deviation) < params.gate
         rows, deviation = rows[near], deviation[near]
         if not len(rows):
@@ -117,10 +146,13 @@ class _View:
         if support[begin] < params.least:
             return rows[:0]
         taken = rows[begin : stop[begin]]
+        if is_weak and np.count_nonzero(~self._is_echo[taken]) >= _FEW:
+            return rows[:0]
         self._free[taken] = False
         return self._rows[taken]
 
 
+_FEW = 4  # So many points of LiDAR and stereo show a shape
 _LARGER = 1.3  # So many times as long as the diagonal of a typical object a cluster of one may be
 
 
@@ -165,6 +197,7 @@ def group_points(cloud: FusedCloud, seen: Observed, cluster: Int64, weight: Floa
     sides = np.maximum.reduceat(xy, begin) - np.minimum.reduceat(xy, begin) if len(xy) else np.zeros((0, 2))
     extent, is_taken = np.hypot(sides[:, 0], sides[:, 1]), np.zeros(len(cloud) + 1, np.bool_)  # diagonals [m]
     own, shown = {}, np.flatnonzero(seen.instance >= 0)
+    dense = np.bincount(cluster[sorted_rows], cloud.source[sorted_rows] != int(Source.R), 1)
     for one in np.unique(seen.instance[shown]).tolist():
         rows = shown[seen.instance[shown] == one]
         in_cluster = rows[cluster[rows] >= 0]
@@ -174,7 +207,7 @@ def group_points(cloud: FusedCloud, seen: Observed, cluster: Int64, weight: Floa
         own[one] = rows
     for one in sorted(own, key=lambda one: (-float(weight[own[one]].sum()), one)):
         rows, at = own[one], int(cluster[own[one][0]])
-        if at >= 0 and is_taken[at]:
+        if at >= 0 and (is_taken[at] or (seen.is_weak[one] and dense[at] >= _FEW)):
             continue
         length, width = seen.observations[one].size_lwh_m[:2]
         is_taken[at] = at >= 0 and extent[at] <= _LARGER * float(np.hypot(length, width))

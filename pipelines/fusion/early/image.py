@@ -23,6 +23,7 @@ from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.geometry.camera import in_image, project_body, project_boxes
 from fbench.replay.geometry.iou import iou_2d
 
+_FEWEST_ECHOES = 6  # So many echoes of a radar that shows shapes outline what they are of
 _SAME = 0.5  # Of two objects with a larger IoU the farther one would be hidden
 
 
@@ -30,6 +31,10 @@ _SAME = 0.5  # Of two objects with a larger IoU the farther one would be hidden
 class EarlyImageParams(EarlyParams, prefix="fusion"):
     """How one cloud becomes objects in images."""
 
+    camera_share: float = in_range(0.25, 0, 1)  # Boxes down to this share of a camera's `min_score` [0 to 1] count.
+    echo_shapes: bool = (
+        True  # Whether shapes of radar echoes count beside a LiDAR that delivers, as they do without one.
+    )
     outline: Literal["points", "boxes"] | None = None
     """By what objects are outlined that no camera shows: their points, or their boxes in space; none: points in
     simulated logs, boxes in others, as few beams outline less than a vehicle."""
@@ -106,17 +111,18 @@ def fuse_in_images(
 
 
 def match_groups(found: Candidates, cloud: FusedCloud) -> Int64:
-    """Group (S,) that each observation shows: that which was made of its points, else that with most of them, if no
-    other observation of its camera has more of those; -1: none.
+    """Group (S,) that each observation shows: that which was made of what shows the same object, else that with most of
+    its points, if no other observation of its camera has more of those; -1: none.
     """
     seen, groups = found.seen, found.groups
-    result, number = np.full(len(seen.observations), -1), np.full(len(cloud), -1)
+    made, number = np.full(len(seen.observations), -1), np.full(len(cloud), -1)
     number[groups.rows] = groups.number
     own = np.flatnonzero(groups.observation >= 0)
-    result[groups.observation[own]] = own
-    taken = {(seen.observations[at].camera, int(result[at])) for at in groups.observation[own]}
+    made[seen.sightings.number[groups.observation[own]]] = own
+    result = made[seen.sightings.number]
+    taken = {(one.camera, int(at)) for one, at in zip(seen.observations, result, strict=True) if at >= 0}
     wanted = []
-    for at in np.flatnonzero(result < 0).tolist():
+    for at in np.flatnonzero((result < 0) & ~seen.is_weak).tolist():
         rows = number[seen.taken[at]]
         if (rows >= 0).any():
             counts = np.bincount(rows[rows >= 0])
@@ -153,9 +159,10 @@ def outline_groups(scene: Scene, found: Candidates, camera: str, params: EarlyIm
         return result
     dense = cloud.source[groups.rows] != int(Source.R)
     has_shape = np.bincount(groups.number[dense], minlength=len(groups)) >= params.fit_points
-    result[has_shape] = np.nan
+    by_echoes = ~has_shape & (scene.tall_echoes is not None) & (groups.sums(~dense) >= _FEWEST_ECHOES)
+    result[has_shape | by_echoes] = np.nan
     uv, _ = project_body(scene.rig, camera, cloud.xyz[groups.rows])
-    is_used = dense & has_shape[groups.number] & np.isfinite(uv).all(axis=1)
+    is_used = ((dense & has_shape[groups.number]) | (~dense & by_echoes[groups.number])) & np.isfinite(uv).all(axis=1)
     rows, shown = groups.rows[is_used], np.unique(groups.number[is_used])
     if len(rows):
         first = np.append(np.searchsorted(groups.number[is_used], shown), len(rows))
@@ -186,7 +193,10 @@ def _outline(
     every, kept = found.seen.observations, np.append(groups.kept, False)  # the last: of no group
     rows = np.flatnonzero([one.camera == camera for one in every])
     unseen = groups.kept & np.isfinite(around).all(axis=1)
-    shown = _take_over([every[at] for at in rows], groups.shown[rows], kept, around, unseen)
+    able = rows[~found.seen.is_weak[rows]]
+    shown = groups.shown.copy()
+    shown[able] = _take_over([every[at] for at in able], groups.shown[able], kept, around, unseen)
+    shown = shown[rows]
     is_used = np.array([every[at].is_sure for at in rows], np.bool_) | kept[shown]
     rows, shown = rows[is_used], shown[is_used]
     by_camera = _take_cameras(scene, groups, [every[at] for at in rows], shown, around, rays, params)
@@ -245,9 +255,11 @@ def _take_cameras(
     box = np.array([one.xyxy_px for one in seen], np.float64).reshape(-1, 4)
     score = np.array([one.score for one in seen], np.float64)
     alone, likely = np.where([one.is_sure for one in seen], score, 0.0), np.append(groups.found.score, 0.0)[group]
-    for at in np.flatnonzero(group < 0).tolist():
+    by_lidar = np.append(groups.found.counts.sources & int(Source.L), 0)[group] > 0
+    for at in np.flatnonzero(~by_lidar).tolist():
         if rays is not None and _is_seen_through(scene, seen[at], rays, params.through):
-            alone[at] = probability_of(log_odds(alone[at]) + np.log(max(params.unseen_by_rays, 1e-9)))
+            doubt = np.log(max(params.unseen_by_rays, 1e-9))
+            alone[at], likely[at] = (probability_of(log_odds(p, 1e-9) + doubt) for p in (alone[at], likely[at]))
     drawn = np.append(groups.kept, False)[group]
     sure = np.minimum(score / AT_MIN_SCORE, 1.0)
     share = np.where(drawn, sure * params.measured_share + (1 - sure) * params.weak_measured_share, 0.0)

@@ -7,10 +7,10 @@ import numpy as np
 from fbench.pipelines.fusion import observations
 from fbench.pipelines.fusion.kernels import agglomerate
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE, AssociationParams, CameraObservation, Clusters, Overlap
+from fbench.pipelines.fusion.sightings import camera_ratios
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.rig import Rig
-from fbench.replay.geometry.transforms import wrap_angle
 
 NEVER = -np.inf
 FEWEST = 3  # With fewer points of a cluster in its box a camera and the cluster have nothing to do with each other
@@ -52,9 +52,7 @@ def associate(
     matrix[:num, num:whole] = np.where(is_cut, NEVER, ratio[:, : len(lidar.boxes)])
     matrix[:num, whole:cut] = ratio[:, len(lidar.boxes) :]
     matrix[num:whole, whole:cut] = _cluster_ratios(lidar, radar, eye_m, params)
-    for i, a in enumerate(seen):
-        for j, b in enumerate(seen[:i]):
-            matrix[j, i] = _ratio_of_cameras(b, a, params)
+    matrix[:num, :num] = camera_ratios(seen, params)
     # A part that a camera cuts out of a cluster may be seen by other cameras, too, but not by LiDAR a second time.
     matrix[num:whole, cut:] = NEVER
     matrix[cut:, cut:] = NEVER
@@ -167,19 +165,3 @@ def _cluster_ratios(lidar: Clusters, radar: Clusters, eye_m: Float64, params: As
     square = (along / std_along) ** 2 + (across / std_across) ** 2
     ratio = np.log(params.lidar_area_m2 / (2 * np.pi * std_along * std_across)) - square / 2
     return np.asarray(ratio + _shape_ratios(lidar)[:, None], np.float64)
-
-
-def _ratio_of_cameras(a: CameraObservation, b: CameraObservation, params: AssociationParams) -> float:
-    """Ratio of what two cameras see, as the first of them sees it: directions are sure, distances aren't. Vehicles are
-    easily taken for each other.
-    """
-    if a.camera == b.camera or not (a.label == b.label or (a.label in VEHICLES and b.label in VEHICLES)):
-        return NEVER
-    ray = np.array([np.cos(b.bearing_rad), np.sin(b.bearing_rad)])
-    middle = b.eye_m[:2] + ray * (b.near_m + b.depth_m) - a.eye_m[:2]
-    reach, bearing = max(float(np.hypot(*middle)), 0.1), float(np.arctan2(middle[1], middle[0]))
-    std = float(np.hypot(a.std, b.std))
-    aside = a.half_rad / 2 + 2 * params.bearing_std_rad
-    off = np.log(reach / (a.near_m + a.depth_m)) / std
-    square = off**2 + (float(wrap_angle(np.array([bearing - a.bearing_rad]))[0]) / aside) ** 2
-    return float(np.log(params.camera_area_m2 / (reach**2 * 2 * np.pi * std * aside)) - square / 2)

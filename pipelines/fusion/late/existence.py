@@ -138,7 +138,7 @@ def _probabilities(
     believed = params.standing_weight * saturate(evidence.standing, params.full_points)
     standing = np.where(evidence.standing > 0, np.maximum(_add_odds(believed, params), 0.0), 0.0)
     odds = log_odds(params.prior, 1e-6) + np.where(unplaced, standing, 0.0)
-    seen_by, added_by = list[Bool](), list[Float64]()
+    seen_by, added_by, could_by = list[Bool](), list[Float64](), list[Float64]()
     for w in witnesses:
         share = np.minimum(sensors.share(w.name, w.kind, distance) * w.could, params.max_detection)
         seen = np.where(shown, w.confirmed_odds, w.odds) + np.log(np.maximum(w.could, params.unlikely))
@@ -146,15 +146,25 @@ def _probabilities(
         if w.kind == "camera":
             seen_by.append(w.seen)
             added_by.append(added)
+            could_by.append(w.could)
         else:
             odds += added
     if not seen_by:
         return probability_of(odds)
-    # Cameras see much the same picture: the surest that sees an object counts, and where none does the surest that
-    # should.
-    seen, added = np.array(seen_by), np.array(added_by)
-    best = np.where(seen, added, -np.inf).max(axis=0)
-    return probability_of(odds + np.where(seen.any(axis=0), best, added.min(axis=0)))
+    return probability_of(odds + join_cameras(np.array(seen_by), np.array(added_by), np.array(could_by)))
+
+
+def join_cameras(seen: Bool, added: Float64, could: Float64) -> Float64:
+    """Evidence (N,) of C cameras together, given which see the objects (C, N), what each adds to the log-odds by seeing
+    or missing them, and how far it could see them.
+
+    Cameras see much the same picture and share their mistakes, so that one opinion told thrice counts once: the mean of
+    those that see an object counts, and of those that should and don't as much as is their share.
+    """
+    weight = np.maximum(could, 1e-3)
+    by_seen, by_unseen = np.where(seen, weight, 0.0), np.where(seen, 0.0, weight)
+    means = [(by * added).sum(axis=0) / np.maximum(by.sum(axis=0), 1e-9) for by in (by_seen, by_unseen)]
+    return np.asarray(means[0] + means[1] * by_unseen.sum(axis=0) / weight.sum(axis=0), np.float64)
 
 
 def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: FusionParams) -> Witness:

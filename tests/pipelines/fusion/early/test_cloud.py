@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.fusion.early.cloud import DepthView, EchoParams, merge_clouds, rate_exactness
+from fbench.pipelines.fusion.early.cloud import (
+    DepthView,
+    EchoParams,
+    find_dense_ground,
+    find_unmeasured,
+    merge_clouds,
+    rate_exactness,
+)
 from fbench.pipelines.sensors.lidar.stage import Obstacles
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import Compensated
@@ -53,3 +60,41 @@ def test_points_of_stereo_count_less_the_larger_their_error_of_depth_is():
     view = DepthView(lidar(1.0), lidar(1.0, 1.5), None, exactness=counts[1:3])
     cloud = merge_clouds(view, echoes([5.0]), 0.3, EchoParams())
     assert cloud.exactness.tolist() == [1.0, *counts[1:3], 1.0]
+
+
+def ray(azimuth_deg, elevation_deg, reach_m=20.0):
+    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
+    across = np.cos(elevation)
+    return reach_m * np.array([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)])
+
+
+def test_stereo_tells_only_what_lidars_measure_nothing_of():
+    """Whether the LiDAR's ray ends before or behind the place; beside it lies a cell of half a degree."""
+    eye = np.array([2.0, 0.2, 1.0])
+    measured = np.array([ray(0.25, 0.25, reach) for reach in (5.0, 50.0)]) + eye
+    directions = [(0.25, 0.25), (0.75, 0.25), (0.25, -0.25), (1.25, 0.25), (0.25, 1.25), (180.0, 0.0)]
+    places = np.array([ray(*direction) for direction in directions]) + eye
+    assert find_unmeasured(places, measured, eye).tolist() == [False, False, False, True, True, True]
+    assert find_unmeasured(places, np.zeros((0, 3)), eye).all()
+
+
+def test_directions_go_on_behind_the_back():
+    zero = np.zeros(3)
+    assert not find_unmeasured(ray(-179.9, 0.25)[None], ray(179.9, 0.25)[None], zero).any()
+    assert not find_unmeasured(np.array([[0, 0, 5.0]]), np.array([[0, 0, 9.0]]), zero).any()  # straight above
+
+
+def test_only_dense_radars_show_the_ground():
+    grid = np.stack(np.meshgrid(np.arange(5.0, 45.0, 0.5), np.arange(-15.0, 15.0, 0.4)), axis=-1).reshape(-1, 2)
+    road, sign = np.column_stack([grid, np.full(len(grid), -1.0)]), np.array([[20.0, 0.0, 5.0]])
+    xyz = np.concatenate([road, sign])
+    zero = np.zeros(len(xyz))
+    radar = Compensated(xyz, xyz, zero, zero, zero > 0, zero)
+    plane, tall = find_dense_ground(radar, None)
+    assert plane is not None
+    assert tall is not None
+    assert plane.z_m(np.array([[10.0, 2.0]])) == pytest.approx([-1.0], abs=0.05)
+    assert tall.tolist() == sign.tolist()
+    known = Plane(0.0, 0.0, -1.2)
+    assert find_dense_ground(radar, known)[0] is known
+    assert find_dense_ground(echoes([0.0] * 10), known) == (known, None)

@@ -245,3 +245,35 @@ def test_objects_can_be_outlined_by_their_boxes_in_space():
     assert by_points[1] == pytest.approx(309.5)
     assert by_box[1] == pytest.approx(299.5, abs=2.0)
     assert by_box[3] == pytest.approx(by_points[3], abs=0.5)
+
+
+def standing_car(x_m: float):
+    """A dense radar's echoes of the back and the sides of a standing car."""
+    y, z = (a.ravel() for a in np.meshgrid(np.linspace(-0.9, 0.9, 7), np.linspace(-1.1, -0.1, 5)))
+    back = np.column_stack([np.full(len(y), x_m), y, z])
+    side = np.column_stack([x_m + np.linspace(0.3, 4.0, 12), np.full(12, 0.9), np.full(12, -0.6)])
+    xyz = np.concatenate([back, side])
+    return replace(points(R, xyz, rate_mps=0.0, own_mps=8.0), height_m=xyz[:, 2] + 1.6)
+
+
+@pytest.mark.parametrize("score", [0.45, 0.8])
+def test_echoes_of_a_dense_radar_show_the_shape_of_what_a_camera_hardly_sees(score):
+    """As in fog: no point of the LiDAR is on the car, and the camera alone wouldn't report it with a score of 0.45."""
+    scene = scene_of(standing_car(20.0), {"cam": seen(BOX, score=score)})
+    few = fuse_in_images(scene, ["cam"], {}, AS_SEEN)
+    dense = fuse_in_images(replace(scene, tall_echoes=np.zeros((0, 3))), ["cam"], {}, AS_SEEN)
+    assert len(few) == (score > LEAST)
+    assert dense.sources.tolist() == [5]
+    signs = np.column_stack([np.linspace(19.5, 24.5, 80), np.zeros(80), np.full(80, 4.0)])
+    under = fuse_in_images(replace(scene, tall_echoes=signs), ["cam"], {}, AS_SEEN)
+    assert len(under) == (score > LEAST)  # what goes on above the height of vehicles is none
+
+
+def test_a_very_weak_box_leaves_points_that_show_a_shape():
+    """One below half of the least score counts where there are echoes only."""
+    weak = scene_of(CAR, {"cam": seen(BOX, score=0.2)})
+    assert (find_candidates(weak, AS_SEEN).groups.observation == -1).all()
+    half = scene_of(CAR, {"cam": seen(BOX, score=0.4)})
+    assert find_candidates(half, AS_SEEN).groups.observation.tolist() == [0]
+    radar = scene_of(standing_car(20.0), {"cam": seen(BOX, score=0.2)})
+    assert find_candidates(radar, AS_SEEN).groups.observation.tolist() == [0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import AHEAD, K, car, lidar_view, radar_view
 
-from fbench.pipelines.fusion.late.existence import FusionParams
+from fbench.pipelines.fusion.late.existence import FusionParams, join_cameras
 from fbench.pipelines.fusion.late.fuse import SensorViews, fuse
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.data.boxes import Boxes3D
@@ -92,10 +92,19 @@ def test_two_cars_in_one_cluster_keep_the_cameras_that_see_them():
     assert found.sources.tolist() == [3, 3]
 
 
-def test_cameras_are_not_independent_so_the_better_score_counts():
+def test_cameras_are_not_independent_so_the_mean_of_their_odds_counts():
     box = car(25.0)
     found = fused({"left": outline("left", box, score=0.5), "right": outline("right", box, score=0.7)})
-    assert found.score == pytest.approx([0.7])
+    odds = np.sqrt(0.5 / 0.5 * 0.7 / 0.3)
+    assert found.score == pytest.approx([odds / (1 + odds)])
+
+
+def test_one_opinion_told_thrice_counts_once_and_silence_by_its_share():
+    """Objects that three cameras see, that one of three sees, that none sees, and that one sees and no other could."""
+    seen = np.array([[True, True, False, True], [True, False, False, False], [True, False, False, False]])
+    could = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 0.0], [1.0, 1.0, 1.0, 0.0]])
+    joint = join_cameras(seen, np.where(seen, 2.0, -1.5), could)
+    assert joint == pytest.approx([2.0, 2.0 - 1.5 * 2 / 3, -1.5, 2.0], abs=0.01)
 
 
 def test_guesses_that_differ_along_the_line_of_sight_are_one_car():
