@@ -112,8 +112,8 @@ AV2_CLASSES: Mapping[str, str] = {
     "CONSTRUCTION_BARREL": "other", "STOP_SIGN": "other", "MOBILE_PEDESTRIAN_CROSSING_SIGN": "other",
     "MESSAGE_BOARD_TRAILER": "other",
 }  # fmt: skip
-"""Classes of Argoverse 2's challenges (av2-api 0.3.6, `evaluation/__init__.py`) and the labels nearest to them. Riders and
-what they ride have boxes of their own.
+"""Classes of Argoverse 2's challenges (av2-api 0.3.6, `evaluation/__init__.py`) and the labels nearest to them. A rider
+and what is ridden have boxes of their own.
 """
 _AV2 = ClassTable(
     {name: name for name in AV2_CLASSES},
