@@ -11,6 +11,7 @@ from fbench.metrics.criticality.metric import judge_side
 from fbench.metrics.criticality.motion import EgoMotion, find_ego_motion
 from fbench.metrics.events.finder import BY_SIGHT, EVENTS, Found, find_events
 from fbench.metrics.events.scores import (
+    SLICE,
     ArrivalCounts,
     EventCounts,
     arrival_rows,
@@ -76,7 +77,7 @@ class Events:
 
 
 def _slice(key: ScoreKey, event: str) -> ScoreKey:
-    return replace(key, slice=f"event:{event}")
+    return replace(key, slice=f"{SLICE}{event}")
 
 
 def _groups(run: Run, view: View) -> list[Group]:

@@ -18,6 +18,8 @@ from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 STABLE_S = 0.5  # A track is stable from where it follows an object for so long without a break
+SLICE = "event:"  # Begin of slices that are about an event
+ARRIVALS = ("time_to_track", "never_tracked")  # Metrics of objects that come into sight, over all of them
 NO_EVENT = "the event doesn't occur"
 _LABELS = tuple(f"{alpha:.2f}" for alpha in ALPHAS)
 
@@ -164,7 +166,7 @@ def arrival_rows(n: ArrivalCounts, head: ScoreKey, why: str | None) -> list[Scor
     """Return the time to a stable track, and how many objects never got one; null where `why` says so."""
     counts = {"objects": n.objects, "followed": n.followed, "delay_s": float(n.delay_s)}
     rows = []
-    for metric, unit in (("time_to_track", "s"), ("never_tracked", "1")):
+    for metric, unit in zip(ARRIVALS, ("s", "1"), strict=True):
         value, own = value_of(metric, counts)
         rows.append(head.score(metric, value, head.reason or why or own, counts, unit))
     return rows

@@ -16,6 +16,7 @@ from fbench.api.scores import Resampling, ScoreRequest, score
 from fbench.cli.score_show import show_together
 from fbench.metrics.core.bootstrap import Bootstrap
 from fbench.metrics.criticality.scores import RULES
+from fbench.metrics.events.scores import ARRIVALS, SLICE
 from fbench.metrics.runs.combine import RunStatistics, combine_runs, describe_gaps, measure_run, score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.scoring import own_rows
@@ -202,7 +203,8 @@ def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
                                                  "invalid_truth": 0, "frames": 2},
         "interval": "2 logs, at least 5 are needed",
     }  # fmt: skip
-    own = [row for row in load_scores(tmp_path / "all.json") if row.metric not in RULES]
+    rows = [row for row in load_scores(tmp_path / "all.json") if not row.slice.startswith(SLICE)]
+    own = [row for row in rows if row.metric not in (*RULES, *ARRIVALS)]
     assert own == combine_runs(measured(*runs), Bootstrap(num=20))
     show_together(score(ScoreRequest(folders)), folders, None, False)
     assert "2 runs together" in capsys.readouterr().out
