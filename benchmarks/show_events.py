@@ -1,7 +1,7 @@
 """Count the events of traffic in logs with truth and poses, time the finder, and draw one of each from above.
 
 Run it from the root of the repository: `python benchmarks/show_events.py LOG ... [--draw OUT.png]`. For the picture in
-`docs/metrics.md`: the city's worlds `urban`, seeds 101 to 104, and `highway`, seeds 105 and 106, 20 s each.
+`docs/metrics.md`: the city with `--sensors radar`, 20 s each, `urban` with seeds 101 to 104 and `highway` with 105.
 """
 
 import argparse
@@ -126,8 +126,8 @@ def main() -> None:
                 best[name] = size, picture
     if arguments.draw and best:
         pictures = [best[name][1] for name in EVENTS if name in best]
-        pictures += [np.full_like(pictures[0], 255)] * (-len(pictures) % 4)
-        rows = [np.hstack(pictures[i : i + 4]) for i in range(0, len(pictures), 4)]
+        pictures += [np.full_like(pictures[0], 255)] * (-len(pictures) % 3)
+        rows = [np.hstack(pictures[i : i + 3]) for i in range(0, len(pictures), 3)]
         cv2.imwrite(str(arguments.draw), np.vstack(rows))
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.metrics.conftest import boxes2d, boxes3d, make_manifest
+from tests.metrics.profiles.av2.oracles.av2_logs import PLANS, Log, logs_of
+from tests.metrics.profiles.av2.test_av2 import FROZEN, of_log
 
 from fbench.metrics.criticality.motion import EgoMotion, follow_ego
 from fbench.metrics.events.finder import EVENTS, Found, find_events
@@ -194,6 +196,26 @@ def test_counts_by_hand() -> None:
     counts |= {f"tp {5 * k / 100:.2f}": n.tp[k - 1] for k in range(1, 20)}
     counts |= {f"assa {5 * k / 100:.2f}": float(n.ass_a[k - 1]) for k in range(1, 20)}
     assert value_of("hota_temporal", counts)[0] == pytest.approx(0.5 * 10 / 19)
+
+
+@pytest.mark.parametrize("log", logs_of(PLANS["sparse"]), ids=lambda log: log.name)
+def test_hota_temporal_and_balanced_accuracy_are_av2_apis(log: Log) -> None:
+    # What is looked for is every bus; scores don't matter.
+    sequence = of_log(log)
+    truth, tracks = (side[side.label == "bus"] for side in (sequence.truth, sequence.estimates))
+    hota = temporal_hota(truth, tracks, sequence.steps, Match("bev", 2.0))
+    shares = [
+        float(ass) / (tp + fn + fp) for ass, tp, fn, fp in zip(hota.ass_a, hota.tp, hota.fn, hota.fp, strict=True)
+    ]
+    theirs = FROZEN["mining"][log.name]
+    assert np.mean(np.sqrt(shares)) == pytest.approx(theirs["hota"], abs=1e-9)
+    n = dict(zip(("tp", "fp", "fn", "tn"), compare_steps(truth.step, tracks.step, log.num_steps), strict=True))
+    value, why = value_of("timestamp_balanced_accuracy", n)
+    if value is None:  # av2-api counts a share of nothing as 1
+        assert "av2-api counts that half as 1" in str(why)
+        has, lacks = n["tp"] + n["fn"], n["tn"] + n["fp"]
+        value = ((n["tp"] / has if has else 1) + (n["tn"] / lacks if lacks else 1)) / 2
+    assert value == pytest.approx(theirs["accuracy"], abs=1e-12)
 
 
 def test_time_to_a_stable_track_by_hand() -> None:

@@ -42,6 +42,7 @@ PLANS = {
     "crowded": Plan(3, classes=("pedestrian",), num_tracks=60, spread_m=8.0, noise_m=1.0, num_logs=1),
     "many": Plan(4, classes=("regular_vehicle",), false_per_step=130.0, num_logs=1, num_steps=3),
     "lacking": Plan(5, unseen=("bus",), absent=("bollard",), missed=0.6),
+    "sparse": Plan(7, num_logs=4, num_tracks=8, missed=0.5, false_per_step=0.5),
     "bad": Plan(6, noise_m=6.0, missed=0.4, switched=0.3),
 }
 

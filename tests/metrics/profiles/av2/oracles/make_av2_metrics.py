@@ -23,6 +23,7 @@ import av2.evaluation.detection.eval as detection  # type: ignore[import-not-fou
 import numpy as np
 import pandas as pd
 from av2.evaluation.detection.utils import DetectionCfg  # type: ignore[import-not-found]
+from av2.evaluation.scenario_mining import eval as mining  # type: ignore[import-not-found]
 from av2.evaluation.tracking import eval as tracking  # type: ignore[import-not-found]
 from av2.evaluation.tracking import utils  # type: ignore[import-not-found]
 from tests.metrics.profiles.av2.oracles.av2_logs import PLANS, Log, Row, logs_of
@@ -109,6 +110,25 @@ def track(logs: list[Log]) -> dict[str, Any]:
     return found
 
 
+def mine(logs: list[Log]) -> dict[str, Any]:
+    """HOTA-Temporal and timestamp-balanced accuracy of each log, whose buses are what is looked for; scores are 1."""
+    found = {}
+    for log in logs:
+        sides = []
+        for side in ("truth", "results"):
+            (own,) = frames([log], side).values()
+            for one in own:
+                kept = one["name"] == "BUS"
+                one |= {key: value[kept] for key, value in one.items() if isinstance(value, np.ndarray)}
+                one["label"] = np.full(int(kept.sum()), mining.REFERRED_OBJECT)
+                one["score"] = np.ones(int(kept.sum()))
+            sides.append(mining.relabel_sequence_ids({(f"{log.name:36}", "bus"): own}))
+        with contextlib.redirect_stdout(io.StringIO()):
+            hota, _, accuracy = mining.evaluate_scenario_mining(sides[1], sides[0], "HOTA", "")
+        (found[log.name],) = ({"hota": h, "accuracy": a} for h, a in zip(hota.values(), accuracy.values(), strict=True))
+    return found
+
+
 def plain(value: Any) -> Any:
     """Numbers that JSON has."""
     if isinstance(value, dict):
@@ -121,6 +141,7 @@ def plain(value: Any) -> Any:
 if __name__ == "__main__":
     numbers = {
         "detection": {name: detect(logs_of(plan)) for name, plan in PLANS.items()},
+        "mining": mine(logs_of(PLANS["sparse"])),
         "tracking": {name: track(logs_of(plan)) for name, plan in PLANS.items() if name != "many"},
     }
     (Path(__file__).parent / "av2_metrics.json").write_text(json.dumps(plain(numbers), indent=1) + "\n")
