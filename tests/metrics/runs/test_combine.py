@@ -52,6 +52,24 @@ def test_one_run_scores_as_it_does_alone(tmp_path: Path) -> None:
     assert combine_runs(measured(run)) == score_run(run, ScoreOptions(), METRICS)
 
 
+def test_a_condition_has_the_intervals_of_its_runs_alone(tmp_path: Path) -> None:
+    runs = []
+    for i in range(12):
+        kind = "fog" if i % 2 else "clear"
+        far = [Case(RIGHT, CAR)] * 3 + [Case(RIGHT if i > 8 else WRONG, CAR)] * (i % 4)
+        runs.append(written(tmp_path, f"run{i:02d}", far, condition=kind))
+    how, ones = Bootstrap(num=100), measured(*runs)
+    together, fog = table(combine_runs(ones, how)), table(combine_runs(ones[1::2], how))
+    for metric in ("horizon_80", "f1", "recall"):
+        own, alone = together[metric, "vehicle", "condition fog"], fog[metric, "vehicle", "all"]
+        assert own.value is not None
+        assert own.low is not None
+        assert (own.value, own.low, own.high) == (alone.value, alone.low, alone.high)
+    assert together["hota", "vehicle", "condition fog"].low is None  # Only of what depends on single steps
+    few = table(combine_runs(ones[:4], how))
+    assert few["f1", "vehicle", "condition fog"].interval == "2 logs, at least 5 are needed"
+
+
 class Detected:
     """Mean number of detections in a frame."""
 
