@@ -1,4 +1,4 @@
-"""Time a frame that criticality adds to scoring: 50 objects and 50 results in each of 200 frames, in one process.
+"""Time a frame that criticality and events add to scoring: 50 objects and results in each of 200 frames, one process.
 
 Run it from the root of the repository.
 """
@@ -12,6 +12,7 @@ from common import best_by_turns_s
 from fbench.metrics.criticality.conflict import find_conflicts, read_outline
 from fbench.metrics.criticality.metric import Criticality, find_critical_errors
 from fbench.metrics.criticality.motion import find_ego_motion, move_ego, move_objects
+from fbench.metrics.events.metric import Events
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import ground_view
@@ -88,6 +89,7 @@ def main() -> None:
                 "tracking": lambda: Tracking().scores(shared(), options),
                 "prediction of what is critical": predict,
                 "criticality, with matching": lambda: Criticality().scores(shared(), options),
+                "events, with matching": lambda: Events().scores(shared(), options),
                 "critical errors, after it": lambda: find_critical_errors(first, options),
             },
             5,

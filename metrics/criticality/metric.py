@@ -89,7 +89,7 @@ def find_critical_errors(run: Run, options: ScoreOptions) -> list[CriticalError]
 
 def _list_errors(run: Run, options: ScoreOptions, side: Side, view: View, group: Group) -> Iterator[CriticalError]:
     sequence, predicted = view.sequence, _predict(run, options, side, view.sequence)
-    errors, _ = _judge(run, options, side, view, group)
+    errors, _ = judge_side(run, options, side, view, group)
     kinds: tuple[tuple[Literal["miss", "false alarm"], Objects, Int64, Conflicts], ...] = (
         ("miss", sequence.truth, errors.truth_row[~errors.hit], predicted.conflicts[0]),
         ("false alarm", sequence.estimates, errors.alarm_row, predicted.conflicts[1]),
@@ -124,7 +124,7 @@ def _measure(run: Run, options: ScoreOptions, side: Side) -> AbstractSequence[Sc
 
     def measure(sequence: Sequence, group: Group, match: Match) -> CriticalityCounts:
         predicted = _predict(run, options, side, sequence)
-        errors, hits = _judge(run, options, side, view, group)
+        errors, hits = judge_side(run, options, side, view, group)
         return predicted.count(errors, sequence) + measure_hits(*hits)
 
     return measure_classes([view], table, measure, nothing)
@@ -144,7 +144,7 @@ def count_by_frame(run: Run, options: ScoreOptions, side: Side) -> Iterator[tupl
     met = find_labels(sequence.truth, sequence.estimates) if table.boxes.label is not None else set()
     steps = sequence.truth.step, sequence.estimates.step
     for group in (VEHICLE, *(label_group(label) for label in LABELS if label in met)):
-        errors, _ = _judge(run, options, side, view, group)
+        errors, _ = judge_side(run, options, side, view, group)
         counts = count_steps(errors, steps, len(sequence.steps), predicted.conflicts)
         yield replace(view.key, class_=group.name), counts, sequence.steps.frame
 
@@ -187,8 +187,8 @@ def _predict(run: Run, options: ScoreOptions, side: Side, sequence: Sequence) ->
 Judged = tuple[Errors, tuple[Objects, Objects]]
 
 
-def _judge(run: Run, options: ScoreOptions, side: Side, view: View, group: Group) -> Judged:
-    """Errors of one class, and the truth and estimates of its hits."""
+def judge_side(run: Run, options: ScoreOptions, side: Side, view: View, group: Group) -> Judged:
+    """Return the errors of one class in a view of detections or tracks, and the truth and estimates of its hits."""
     key = ("critical errors", side, options, group.name)
     return once(run, key, lambda: _match(side, view.sequence, group, view.match))
 

@@ -116,10 +116,17 @@ def differentiate(values: Complex, time_s: Float64, stretch: Int64) -> Complex:
 def find_ego_motion(run: Run) -> EgoMotion:
     """Return how the body of a run moved, from its poses alone."""
     order = np.argsort([frame.index for frame in run.frames], kind="stable")
-    frames, poses = [run.frames[k] for k in order], run.poses[order]
+    frames = [run.frames[k] for k in order]
     index, segment, stamp_ns = (
         np.array([getattr(f, name) for f in frames], np.int64) for name in ("index", "segment", "stamp_ns")
     )
+    return follow_ego(index, segment, stamp_ns, run.poses[order])
+
+
+def follow_ego(index: Int64, segment: Int64, stamp_ns: Int64, poses: Float64) -> EgoMotion:
+    """Return how the body moved over frames (F,) in the order of time, from its poses in the world (F, 7): place [m]
+    and quaternion x, y, z, w; NaN where it isn't known.
+    """
     known: Bool = np.asarray(np.isfinite(poses).all(axis=1))
     world_T_body = pose_matrices(
         np.where(known[:, None], poses[:, :3], 0.0), np.where(known[:, None], poses[:, 3:], [0, 0, 0, 1])

@@ -47,7 +47,8 @@ def _read(name: str) -> dict[str, dict[str, Any]]:
 def _definitions() -> Mapping[str, MetricDefinition]:
     sources = {name: Source(**entry) for name, entry in _read("sources").items()}
     found = {}
-    for name, entry in (_read("detection") | _read("tracking") | _read("criticality")).items():
+    entries = _read("detection") | _read("tracking") | _read("criticality") | _read("events")
+    for name, entry in entries.items():
         entry["source"] = sources[entry["source"]]
         if entry.get("is_count"):
             entry["range"] = "from 0 up"

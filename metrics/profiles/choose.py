@@ -17,7 +17,7 @@ from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
 from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
 from fbench.metrics.profiles.trackeval.profiles import TracksProfile
 from fbench.metrics.reference_runs.images import image_sequence
-from fbench.metrics.reference_runs.world import world_sequence
+from fbench.metrics.reference_runs.world import body_sequence, world_sequence
 from fbench.metrics.runs.spaces import ground_view, image_view
 from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean
 from fbench.replay.contracts.profiles import Match, Profile, Statistics
@@ -111,6 +111,8 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
             code = "GT001" if reason == "no truth" else ""
             raise MetricError(f"{run.folder}: {reason}, so there is nothing to score", code)
         return view.sequence
+    if facts.family == "av2":
+        return body_sequence(run, table, facts.family)
     if facts.needs_ego:
         return world_sequence(run, table, facts.family, needs_world=facts.needs_time)
     sequence = image_sequence(run, table, facts.family, space)

@@ -1,4 +1,4 @@
-"""A run as nuScenes' files would have it: solids in the world at keyframes."""
+"""A run as the files of nuScenes and Argoverse 2 would have it: solids in the world at keyframes, or in the body."""
 
 from dataclasses import replace
 
@@ -50,6 +50,28 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
         int(bad.sum()),
         ego_m=poses[:, :3, 3] if has_poses else None,
     )
+
+
+def body_sequence(run: Run, table: BoxTable, family: Family) -> Sequence:
+    """Return truth and results of a run in body coordinates, by the names of a benchmark that looks all around.
+
+    Results of classes that the benchmark doesn't have are left out. Raises MetricError without 3D truth (GT001).
+    """
+    labeled = Labelled.of(run, "3d")
+    if not labeled.frames:
+        what = "truth in 3D" if any(frame.truth_spaces for frame in run.frames) else "truth"
+        raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
+    sides = []
+    for own in (run.truth_table("3d"), table):
+        frame, boxes = labeled.rows(own)
+        blank = np.full(len(boxes), "")
+        sources, labels = (blank if c is None else c for c in (boxes.source_label, boxes.label))
+        names = names_of(family, sources, labels, np.zeros(len(boxes), bool))
+        sides.append(objects_of(replace(boxes, label=names), frame, np.ones(len(boxes), bool)))
+    truth, results = sides
+    bad, kept = find_unreal(truth), results.label != ""
+    name, num_unlabeled = run.manifest.log.name, len(run.frames) - len(labeled.frames)
+    return Sequence(name, labeled.steps(), truth[~bad], results[kept], num_unlabeled, int(bad.sum()))
 
 
 def in_world(frame: Int64, boxes: Boxes2D | Boxes3D, poses: Float64, family: Family, is_truth: bool) -> Objects:

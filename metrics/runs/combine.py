@@ -133,9 +133,9 @@ def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) ->
     """Return the rows of all runs added, then those of each log, scenario, condition and other word by which they
     differ, as slices such as `condition fog`.
 
-    Runs are of one pipeline, in any order; with resamples of them, `how`, all together have confidence intervals.
-    Raises MetricError where there is no run, runs are of several pipelines, or one is there twice; ConfigError where
-    runs count different boxes in the pipeline's own space.
+    Runs are of one pipeline, in any order; with resamples of them, `how`, all together have confidence intervals. So
+    has what depends on single steps under each condition. Raises MetricError where there is no run, runs are of several
+    pipelines, or one is there twice; ConfigError where runs count different boxes in the pipeline's own space.
     """
     known = sorted(runs, key=lambda run: run.key)
     if not known:
@@ -147,12 +147,12 @@ def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) ->
     if twice:
         raise MetricError(f"the run of '{pipelines[0]}' on log '{twice[0][0]}' is there twice; give it once")
     # Counts of different boxes aren't added: some rigs have cameras, in whose view truth must be, others don't.
-    found: dict[str, str] = {}
+    matchings: dict[str, str] = {}
     for run in known:
         if run.table.matching in _matchings(run):
-            found.setdefault(run.table.matching, run.tags["log"])
-    if len(found) > 1:
-        (one, first), (other, second) = list(found.items())[:2]
+            matchings.setdefault(run.table.matching, run.tags["log"])
+    if len(matchings) > 1:
+        (one, first), (other, second) = list(matchings.items())[:2]
         is_view = one.replace(", in view", "") == other.replace(", in view", "")
         advice = "--all-around leaves cameras out" if is_view else "score them apart"
         which = f"'{one}' on log '{first}', '{other}' on log '{second}'"
@@ -163,8 +163,11 @@ def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) ->
         rows = resample({"\n".join(run.key): run.table for run in known}, how, "logs", (*RATES, *OF_TRACKS))
     rows = _sort_rows([*rows, *_add_others(known)])
     for part, members in _parts(known):
-        own = reduce(add, (run.table for run in members)).as_part(part)
-        rows += [row for row in own.rows() if row.slice != "all"]
+        own = [row for row in reduce(add, (run.table for run in members)).as_part(part).rows() if row.slice != "all"]
+        if how is not None and part.startswith(detection.CONDITION):
+            found = resample({"\n".join(run.key): run.table for run in members}, how, "logs", RATES)
+            own = copy_intervals((replace(row, slice=part) for row in found if row.slice == "all"), own)
+        rows += own
         rows += [replace(row, slice=part) for row in _add_others(members) if row.slice == "all"]
     return rows
 

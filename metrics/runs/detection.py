@@ -18,6 +18,8 @@ from fbench.replay.data.scores import Score, ScoreOptions, ratio
 from fbench.replay.data.sequences import Sequence
 from fbench.replay.runs.folder import Run
 
+CONDITION = "condition "  # Begin of slices of several runs that are about the runs under one condition
+
 
 class Detection:
     """F1, precision and recall of `run.detections` at the score threshold that the pipeline has.
@@ -74,8 +76,10 @@ def _by_region(run: Run, sequence: Sequence) -> Iterator[Part]:
 
 
 def rows_of(entry: ScoreCounts[DetectionCounts]) -> list[Score]:
-    """Return the rows of one entry; what depends on scores and distances only of the whole."""
+    """Return the rows of one entry; what depends on scores and distances only of the whole, horizons of conditions."""
     rows = scores.detection_rows(entry.counts, entry.key)
+    if entry.key.slice.startswith(CONDITION):
+        return [*rows, *horizon_rows(entry.counts.ranges, entry.counts.boxes.gt, entry.key)]
     if entry.key.slice != "all":
         # A false alarm has no visibility, so neither precision nor F1 means anything there.
         return [row for row in rows if row.metric == "recall" or row.slice not in VISIBILITY_SLICES]

@@ -55,8 +55,8 @@ class Match:
             raise ConfigError(f"--match {text}: expected {name}:NUMBER") from None
 
 
-Family = Literal["kitti-tracking", "mot", "nuscenes", "nuscenes-tracking"]
-"""Benchmarks with one set of classes, called as the formats of `fbench log export`."""
+Family = Literal["av2", "kitti-tracking", "mot", "nuscenes", "nuscenes-tracking"]
+"""Benchmarks with one set of classes, called as the formats of `fbench log export` where there is one."""
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,27 @@ _NUSCENES_OWN = {
 """`eval/detection/README.md` of the devkit, section Classes; other names follow from labels."""
 _UNTRACKED = ("barrier", "traffic_cone", "construction_vehicle")
 _TRACKED_OWN = {name: "" if known in _UNTRACKED else known for name, known in _NUSCENES_OWN.items()}
-TABLES: Mapping[Format, ClassTable] = {
+AV2_CLASSES: Mapping[str, str] = {
+    "REGULAR_VEHICLE": "car", "LARGE_VEHICLE": "truck", "BUS": "bus", "BOX_TRUCK": "truck", "TRUCK": "truck",
+    "VEHICULAR_TRAILER": "trailer", "TRUCK_CAB": "truck", "SCHOOL_BUS": "bus", "ARTICULATED_BUS": "bus",
+    "PEDESTRIAN": "pedestrian", "WHEELED_RIDER": "pedestrian", "BICYCLE": "bicycle", "BICYCLIST": "pedestrian",
+    "MOTORCYCLE": "motorcycle", "MOTORCYCLIST": "pedestrian", "WHEELED_DEVICE": "other", "WHEELCHAIR": "other",
+    "STROLLER": "other", "DOG": "other", "BOLLARD": "other", "CONSTRUCTION_CONE": "other", "SIGN": "other",
+    "CONSTRUCTION_BARREL": "other", "STOP_SIGN": "other", "MOBILE_PEDESTRIAN_CROSSING_SIGN": "other",
+    "MESSAGE_BOARD_TRAILER": "other",
+}  # fmt: skip
+"""Classes of Argoverse 2's challenges (av2-api 0.3.6, `evaluation/__init__.py`) and the labels nearest to them. A rider
+and what is ridden have boxes of their own.
+"""
+_AV2 = ClassTable(
+    {name: name for name in AV2_CLASSES},
+    {
+        "car": "REGULAR_VEHICLE", "van": "REGULAR_VEHICLE", "truck": "TRUCK", "bus": "BUS",
+        "trailer": "VEHICULAR_TRAILER", "motorcycle": "MOTORCYCLE", "bicycle": "BICYCLE", "pedestrian": "PEDESTRIAN",
+    },
+)  # fmt: skip
+TABLES: Mapping[Format | Literal["av2"], ClassTable] = {
+    "av2": _AV2,
     "kitti": _KITTI,
     "kitti-tracking": _KITTI,
     "mot": _MOT,

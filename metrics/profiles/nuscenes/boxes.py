@@ -114,7 +114,7 @@ def select_counted(sequence: Sequence, rules: BoxRules) -> tuple[Side, Side, Lef
     """Return truth and results of a sequence that count. Raises MetricError where it can't be scored."""
     check_sequence(sequence, rules.max_boxes)
     racks = sequence.truth[sequence.truth.label == rules.rack_label]
-    racks = racks[~_invalid(racks)]
+    racks = racks[~find_invalid(racks)]
     truth, lost = _side(sequence, sequence.truth[sequence.truth.label != rules.rack_label], rules, racks)
     estimates, missed = _side(sequence, sequence.estimates, rules, racks)
     sound = ~truth.invalid
@@ -134,7 +134,7 @@ def _side(sequence: Sequence, boxes: Objects, rules: BoxRules, racks: Objects) -
     order = content_order(boxes)
     order = order[kind[order] >= 0]
     boxes, kind = boxes[order], kind[order]
-    nobody, invalid = np.zeros(len(boxes), bool), _invalid(boxes)
+    nobody, invalid = np.zeros(len(boxes), bool), find_invalid(boxes)
     ignored = nobody if boxes.ignore is None else boxes.ignore
     xy = np.where(invalid[:, None], 0.0, solids(boxes).center_m[:, :2])
     if sequence.ego_m is not None:  # the range is that from the ego in the ground plane
@@ -155,7 +155,8 @@ def _side(sequence: Sequence, boxes: Objects, rules: BoxRules, racks: Objects) -
     return Side(boxes[kept], kind[kept], invalid[kept]), counts
 
 
-def _invalid(boxes: Objects) -> Bool:
+def find_invalid(boxes: Objects) -> Bool:
+    """Tell which boxes (N,) aren't finite, in score or velocity, or have no extent; an unknown velocity is fine."""
     center, size, yaw = solids(boxes)
     numbers = np.concatenate([center, size, yaw[:, None], boxes.score[:, None]], axis=1)
     bad: Bool = ~(np.abs(numbers) < MAX_MAGNITUDE).all(axis=1) | (size <= 0).any(axis=1)

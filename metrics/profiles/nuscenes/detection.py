@@ -132,7 +132,7 @@ class NuscenesDetection:
         """
         settings = self.settings
         names, at = settings.rules.classes, settings.error_index
-        rankings = ranking.class_rankings(statistics, len(names))
+        rankings = ranking.class_rankings(statistics.parts, len(names))
         precisions, errors = [], []
         for name, one in zip(names, rankings, strict=True):
             curves = [ranking.precision_curve(one.score, hit, one.num_truth) for hit in one.hit.T]

@@ -20,7 +20,7 @@ class Ranking:
     kind: Array  # (M,) int8 index of the class
     score: Float64  # (M,) NaN where it isn't finite
     hit: Bool  # (M, D) at each distance
-    error: Float64  # (K, 5) of the K results that hit at the distance for errors, in their order
+    error: Float64  # (K, E) of the K results that hit at the distance for errors, in their order
     has_error: Bool  # (M,) which ones these are
 
 
@@ -42,12 +42,12 @@ class ClassRanking:
     num_truth: int
     score: Float64  # (M,) finite: a result without a score ranks first, and has the best score of the others
     hit: Bool  # (M, D)
-    error: Float64  # (M, 5) NaN for what hit nothing
+    error: Float64  # (M, E) NaN for what hit nothing
 
 
-def class_rankings(statistics: DetectionStatistics, num_classes: int) -> list[ClassRanking]:
+def class_rankings(rankings: tuple[Ranking, ...], num_classes: int) -> list[ClassRanking]:
     """Merge the rankings of all sequences, by score, then sequence name, frame and content."""
-    parts = sorted(statistics.parts, key=lambda part: part.sequence)
+    parts = sorted(rankings, key=lambda part: part.sequence)
     names = {name: i for i, name in enumerate(dict.fromkeys(part.sequence for part in parts))}
     sequence = np.concatenate([np.full(len(part.score), names[part.sequence]) for part in parts])
     frame, place, kind, score, hit = (
@@ -58,13 +58,13 @@ def class_rankings(statistics: DetectionStatistics, num_classes: int) -> list[Cl
     num_truth = np.sum([part.num_truth for part in parts], axis=0)
     order = np.lexsort((place, frame, sequence, np.where(np.isnan(score), -np.inf, -score), kind))
     ends = np.searchsorted(kind[order], np.arange(num_classes + 1))
-    rankings = []
+    found = []
     for c in range(num_classes):
         own = order[ends[c] : ends[c + 1]]
         known = score[own][~np.isnan(score[own])]
         best = np.where(np.isnan(score[own]), known[0] if len(known) else 0.0, score[own])
-        rankings.append(ClassRanking(int(num_truth[c]), best, hit[own], error[own]))
-    return rankings
+        found.append(ClassRanking(int(num_truth[c]), best, hit[own], error[own]))
+    return found
 
 
 NUM_RECALLS = 101  # Precision is read at recalls 0, 0.01 ... 1.

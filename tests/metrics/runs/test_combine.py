@@ -16,6 +16,7 @@ from fbench.api.scores import Resampling, ScoreRequest, score
 from fbench.cli.score_show import show_together
 from fbench.metrics.core.bootstrap import Bootstrap
 from fbench.metrics.criticality.scores import RULES
+from fbench.metrics.events.scores import ARRIVALS, SLICE
 from fbench.metrics.runs.combine import RunStatistics, combine_runs, describe_gaps, measure_run, score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.scoring import own_rows
@@ -49,6 +50,24 @@ def table(rows: list[Score]) -> dict[tuple[str, str, str], Score]:
 def test_one_run_scores_as_it_does_alone(tmp_path: Path) -> None:
     run = written(tmp_path, "a", [Case(RIGHT, CAR), Case(WRONG, CAR), Case(RIGHT)], seed="3")
     assert combine_runs(measured(run)) == score_run(run, ScoreOptions(), METRICS)
+
+
+def test_a_condition_has_the_intervals_of_its_runs_alone(tmp_path: Path) -> None:
+    runs = []
+    for i in range(12):
+        kind = "fog" if i % 2 else "clear"
+        far = [Case(RIGHT, CAR)] * 3 + [Case(RIGHT if i > 8 else WRONG, CAR)] * (i % 4)
+        runs.append(written(tmp_path, f"run{i:02d}", far, condition=kind))
+    how, ones = Bootstrap(num=100), measured(*runs)
+    together, fog = table(combine_runs(ones, how)), table(combine_runs(ones[1::2], how))
+    for metric in ("horizon_80", "f1", "recall"):
+        own, alone = together[metric, "vehicle", "condition fog"], fog[metric, "vehicle", "all"]
+        assert own.value is not None
+        assert own.low is not None
+        assert (own.value, own.low, own.high) == (alone.value, alone.low, alone.high)
+    assert together["hota", "vehicle", "condition fog"].low is None  # Only of what depends on single steps
+    few = table(combine_runs(ones[:4], how))
+    assert few["f1", "vehicle", "condition fog"].interval == "2 logs, at least 5 are needed"
 
 
 class Detected:
@@ -202,7 +221,8 @@ def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
                                                  "invalid_truth": 0, "frames": 2},
         "interval": "2 logs, at least 5 are needed",
     }  # fmt: skip
-    own = [row for row in load_scores(tmp_path / "all.json") if row.metric not in RULES]
+    rows = [row for row in load_scores(tmp_path / "all.json") if not row.slice.startswith(SLICE)]
+    own = [row for row in rows if row.metric not in (*RULES, *ARRIVALS)]
     assert own == combine_runs(measured(*runs), Bootstrap(num=20))
     show_together(score(ScoreRequest(folders)), folders, None, False)
     assert "2 runs together" in capsys.readouterr().out
