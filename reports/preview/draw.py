@@ -49,6 +49,16 @@ def of_depth(depth_m: Float64) -> Colors:
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)
 
 
+def of_height(z_m: Float64, low_m: float, high_m: float) -> Colors:
+    """Colors (N, 3) of heights (N,) [m]: blue at `low_m` and below, over green, to red from `high_m` on."""
+    import cv2
+
+    if not len(z_m):
+        return np.zeros((0, 3), np.uint8)
+    levels = np.round(20 + 215 * np.clip((z_m - low_m) / (high_m - low_m), 0, 1)).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)
+
+
 def of_speed(speed_mps: Float64) -> Colors:
     """Colors (N, 3) of radial velocities (N,) [m/s]: white where equal, red receding and blue approaching, full from
     10 m/s on (thesis); gray where it isn't measured.

@@ -114,7 +114,7 @@ def ground_of(samples: Sequence[Sample]) -> Ground:
 def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     """LiDARs, each in a color of its own, radars by speed, truth, range rings, and where the sensors look."""
     picture = draw.canvas(*ground.size_wh)
-    rings = _draw_rings(picture, ground)
+    rings = draw_rings(picture, ground)
     for points in sample.points_of("lidar"):
         color = of_sensor(lidars.index(points.sensor))
         _draw_points(picture, ground, points, np.full((len(points.xyz), 3), color, np.uint8), 1)
@@ -126,7 +126,7 @@ def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     for points in sample.points_of("radar"):
         _draw_points(picture, ground, points, of_speed(points.speed_mps), 4)
     draw_sensors(picture, ground.to_picture, sample.rig)
-    _write_rings(picture, rings)
+    write_rings(picture, rings)
     _draw_axes(picture, ground)
     rows = [(f"frame {sample.frame.index}, from above", INK)]
     for points in sample.points_of("lidar"):
@@ -149,7 +149,7 @@ def from_own(points: Points) -> Pixels:
     reach = max(10.0, float(np.quantile(np.abs(near), 0.98)) if len(near) else 10.0)
     ground = Ground((-reach, -reach), (reach, reach), 700 / (2 * reach))
     picture = draw.canvas(*ground.size_wh)
-    _write_rings(picture, _draw_rings(picture, ground))
+    write_rings(picture, draw_rings(picture, ground))
     is_radar = points.kind == "radar"
     colors = of_speed(points.speed_mps) if is_radar else np.full((len(points.xyz), 3), of_sensor(0), np.uint8)
     _draw_points(picture, ground, points, colors, 4 if is_radar else 1)
@@ -188,7 +188,8 @@ def from_side(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     return picture
 
 
-def _draw_rings(picture: Pixels, ground: Ground) -> list[tuple[str, Float64]]:
+def draw_rings(picture: Pixels, ground: Ground) -> list[tuple[str, Float64]]:
+    """Draw circles around the body; return their labels with places, see `write_rings`."""
     circle = np.linspace(0, 2 * np.pi, 181)
     labels: list[tuple[str, Float64]] = []
     for radius in _RINGS_M:
@@ -200,7 +201,8 @@ def _draw_rings(picture: Pixels, ground: Ground) -> list[tuple[str, Float64]]:
     return labels
 
 
-def _write_rings(picture: Pixels, labels: Sequence[tuple[str, Float64]]) -> None:
+def write_rings(picture: Pixels, labels: Sequence[tuple[str, Float64]]) -> None:
+    """Write the labels of circles, over what was drawn since."""
     for text, at in labels:
         draw.write(picture, text, (at[0] - 12, at[1]), QUIET, boxed=True)
 
