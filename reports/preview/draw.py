@@ -25,6 +25,7 @@ MAX_DISKS = 100_000  # Drawn one by one in a picture; of more, every n-th is
 OUTLINE = [0, 1, 2, 1, 2, 3, 0, 3, 0, 1]  # Of a rectangle (left, top, right, bottom): a closed line of five points
 NEAR_M, FAR_M = 2.0, 80.0
 MAX_SPEED_MPS = 10.0
+_FARTHEST_PX = 16_000  # From the picture's corner, which OpenCV takes
 _FONT, _SCALE = 0, 0.42
 _CYCLE: tuple[Color, ...] = (
     (235, 206, 135), (80, 175, 250), (140, 220, 120), (220, 130, 230), (90, 235, 235), (150, 150, 250), (230, 170, 90),
@@ -142,11 +143,12 @@ def path(picture: Pixels, uv: Float64, color: Color, thickness: int = 1, rim: bo
     """Join points (N, 2) [px] by lines; it is broken where one isn't finite."""
     import cv2
 
-    for under in (True, False) if rim else (False,):
-        for a, b in pairwise(uv):
-            if np.isfinite(a).all() and np.isfinite(b).all():
-                wide, ink = (thickness + 2, (0, 0, 0)) if under else (thickness, color)
-                cv2.line(picture, _place(a), _place(b), ink, wide, cv2.LINE_AA)
+    is_finite = np.isfinite(uv).all(axis=1).tolist()
+    places = np.clip(np.round(np.where(np.isfinite(uv), uv, 0)), -_FARTHEST_PX, _FARTHEST_PX).astype(int).tolist()
+    for wide, ink in ((thickness + 2, (0, 0, 0)), (thickness, color)) if rim else ((thickness, color),):
+        for (a, from_), (b, to) in pairwise(zip(is_finite, places, strict=True)):
+            if a and b:
+                cv2.line(picture, from_, to, ink, wide, cv2.LINE_AA)
 
 
 def color_bar(picture: Pixels, colors: Colors, labels: Sequence[tuple[float, str]], title: str) -> None:
@@ -167,4 +169,5 @@ def color_bar(picture: Pixels, colors: Colors, labels: Sequence[tuple[float, str
 
 def _place(at: Sequence[float] | Array) -> tuple[int, int]:
     """Round to what OpenCV takes, far outside stays outside."""
-    return int(np.clip(round(float(at[0])), -16000, 16000)), int(np.clip(round(float(at[1])), -16000, 16000))
+    x, y = (min(max(round(float(value)), -_FARTHEST_PX), _FARTHEST_PX) for value in (at[0], at[1]))
+    return x, y

@@ -23,6 +23,7 @@ _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 MAX_PX = 1100
 _REACH_M = 100.0
 _RINGS_M = (5, 10, 20, 30, 40, 50, 60, 80, 100)
+_FEW = 2_000  # Echoes that are drawn as large disks
 _SIDE_Z_M = (-4.0, 6.0)
 _FOOTPRINT = [0, 2, 3, 1, 0]  # Corners of a box around its foot; those of 0 and 2 are in front
 
@@ -209,6 +210,7 @@ def write_rings(picture: Pixels, labels: Sequence[tuple[str, Float64]]) -> None:
 
 def _draw_points(picture: Pixels, ground: Ground, points: Points, colors: Colors, radius: int) -> None:
     uv = ground.to_picture(points.xyz[:, :2])
+    radius = radius if len(uv) <= _FEW else 1  # large disks of many echoes hide each other, and take long
     draw.disks(picture, uv, np.full(len(uv), radius), colors, rim=radius > 1)
 
 
