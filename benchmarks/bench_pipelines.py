@@ -301,7 +301,7 @@ def reference_table(log: Path, stereo_log: Path) -> None:
             "one": partial(run_stereo, pair_rig, pair_frames, 1), "two": partial(run_stereo, pair_rig, pair_frames, 2),
         },
         "detector": {
-            name: each(lambda image, own=own: own.infer(own.prepare(image)), pixels)  # type: ignore[misc]
+            name: each(lambda image, own=own: own.infer(own.prepare(image)), pixels)
             for name, own in zip(("one", "two"), detectors.values(), strict=True)
         },
     }  # fmt: skip

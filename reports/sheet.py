@@ -122,8 +122,8 @@ def _draw(sheet: Sheet, figure: "Figure") -> None:
     legend = figure.legend(handles=lines, loc="outside lower center", ncols=len(lines))
     legend.get_frame().set(facecolor=_DARK, alpha=1.0)
     legend.set_frame_on(True)
-    for text in legend.get_texts():
-        text.set_color("white")
+    for label in legend.get_texts():
+        label.set_color("white")
 
 
 def _name(mask: int) -> str:
@@ -161,7 +161,7 @@ def _truth_px(run: Run, rig: Rig, camera: str, index: int) -> Float64 | None:
     """Rectangles (N, 4) of the truth that counts in an image: recorded there, else projected; `None` where neither."""
     in_image, in_space = run.truth2d(index), run.truth3d(index)
     if in_image is not None:
-        return in_image.xyxy_px[_counts(in_image) & (in_image.camera == camera)]
+        return in_image[_counts(in_image) & (in_image.camera == camera)].xyxy_px
     if in_space is None or camera not in rig.cameras or not_projectable(rig.cameras[camera]) is not None:
         return None
     rectangles, seen = project_boxes(rig, camera, in_space[_counts(in_space)])

@@ -1,7 +1,6 @@
 """Drawing into pictures (H, W, 3), BGR; they are changed in place."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -143,12 +142,11 @@ def path(picture: Pixels, uv: Float64, color: Color, thickness: int = 1, rim: bo
     """Join points (N, 2) [px] by lines; it is broken where one isn't finite."""
     import cv2
 
-    is_finite = np.isfinite(uv).all(axis=1).tolist()
+    is_finite = np.asarray(np.isfinite(uv).all(axis=1), np.bool_)
     places = np.clip(np.round(np.where(np.isfinite(uv), uv, 0)), -_FARTHEST_PX, _FARTHEST_PX).astype(int).tolist()
     for wide, ink in ((thickness + 2, (0, 0, 0)), (thickness, color)) if rim else ((thickness, color),):
-        for (a, from_), (b, to) in pairwise(zip(is_finite, places, strict=True)):
-            if a and b:
-                cv2.line(picture, from_, to, ink, wide, cv2.LINE_AA)
+        for i in np.flatnonzero(is_finite[:-1] & is_finite[1:]).tolist():
+            cv2.line(picture, places[i], places[i + 1], ink, wide, cv2.LINE_AA)
 
 
 def color_bar(picture: Pixels, colors: Colors, labels: Sequence[tuple[float, str]], title: str) -> None:

@@ -17,7 +17,12 @@ def drawn(monkeypatch):
     """The figure of the last sheet."""
     found = []
     draw = drawing._draw
-    monkeypatch.setattr(drawing, "_draw", lambda own, figure: (draw(own, figure), found.append(figure)))
+
+    def remember(own, figure):
+        draw(own, figure)
+        found.append(figure)
+
+    monkeypatch.setattr(drawing, "_draw", remember)
     return found
 
 
