@@ -95,7 +95,7 @@ class Simulation:
         self.close()
 
     def _connect(self) -> None:
-        """See that a server of our version is there, with the town and a free port for the traffic."""
+        """See that a server of our version is there, with the town."""
         request, client = self._request, self._client
         client.set_timeout(min(request.timeout_s, 5.0))
         try:
@@ -111,15 +111,15 @@ class Simulation:
             towns = {path.rsplit("/", 1)[-1] for path in client.get_available_maps()}
         if request.town not in towns:
             raise ConfigError(f"the server has no map '{request.town}'{did_you_mean(request.town, towns)}")
-        try:
-            self._traffic = client.get_trafficmanager(request.tm_port)
-        except RuntimeError as error:
-            raise ConfigError(f"port {request.tm_port} of the traffic manager is in use; choose --tm-port") from error
 
     def _prepare(self) -> None:
         """Load the town and spawn all who move in it; then let them come to their speed."""
-        carla, request, traffic = self._carla, self._request, self._traffic
+        carla, request = self._carla, self._request
         self._world = world = self._client.load_world(request.town)
+        try:
+            self._traffic = traffic = self._client.get_trafficmanager(request.tm_port)
+        except RuntimeError as error:
+            raise ConfigError(f"port {request.tm_port} of the traffic manager is in use; choose --tm-port") from error
         settings = world.get_settings()
         settings.synchronous_mode, settings.fixed_delta_seconds = True, 1.0 / request.rate_hz
         world.apply_settings(settings)
@@ -151,7 +151,7 @@ class Simulation:
         """Put the ego and the traffic on spawn points of the town; fewer where it hasn't so many."""
         request, world = self._request, self._world
         random = generator(request.seed, "carla", "vehicles")
-        places = world.get_map().get_spawn_points()
+        places = self.map.get_spawn_points()
         order = random.permutation(len(places))
         kinds = sorted(self._library.filter("vehicle.*"), key=lambda one: one.id)
         is_dark = request.condition.weather.sun_elevation_deg < 0

@@ -401,6 +401,12 @@ def test_weather_and_sensor_data_have_the_packages_names(package, modules):
     for kind, names in (("Image", ("width", "height", "raw_data")), ("RadarMeasurement", ("raw_data",)),
                         ("LidarMeasurement", ("channels", "get_point_count", "raw_data"))):  # fmt: skip
         assert all(hasattr(getattr(package, kind), name) for name in (*names, "frame"))
+    turned, place = (
+        package.Rotation(1.0, 2.0, 3.0),
+        package.Location(1.0, 2.0, 3.0),
+    )  # by position, as the recorder does
+    assert ((turned.pitch, turned.yaw, turned.roll), (place.x, place.y, place.z)) == ((1, 2, 3), (1, 2, 3))
+    assert package.Transform(place, turned).location == place
     settings = package.WorldSettings()
     settings.synchronous_mode, settings.fixed_delta_seconds = False, None
 
