@@ -29,6 +29,7 @@ from fbench.replay.setup.source import LogRequest, log_source
 from fbench.reports.sheet import Cell, Sheet, draw_sheet
 
 _CLEAR = "clear"
+_LOGS = (".mcap", ".parquet", ".bag")
 _ORDER = (
     "camera2d", "lidar2d", "radar2d", "early2d", "late2d", "lidar3d", "radar3d", "stereo3d", "early3d", "late3d",
 )  # fmt: skip
@@ -165,8 +166,10 @@ class _Logs:
     """The logs to draw from, looked for when one is needed: those that the user names, else those of the suite."""
 
     def __init__(self, request: SheetRequest) -> None:
-        suite = Path(request.runs[0]) / LOGS
-        self._place = request.log or (suite if is_suite(request.runs) and suite.is_dir() else None)
+        suite = Path(request.runs[0])
+        self._places = [place for place in (suite, suite / LOGS) if is_suite(request.runs) and place.is_dir()]
+        if request.log is not None:
+            self._places = [request.log]
         self._is_named = request.log is not None
 
     def find(self, run: Run) -> Path | None:
@@ -177,19 +180,20 @@ class _Logs:
             if entry.log_id in (info.log_id, public_id(info)):
                 return path
         if self._is_named:
-            raise ConfigError(f"{self._place}: has no log of {run.folder}, which is '{entry.name}', id {entry.log_id}")
+            raise ConfigError(
+                f"{self._places[0]}: has no log of {run.folder}, which is '{entry.name}', id {entry.log_id}"
+            )
         return None
 
     def _paths(self, name: str) -> Iterator[Path]:
         """Yield those of a name first: the others need be opened only where it was changed."""
-        place = self._place
-        if place is not None and not place.exists():
-            raise ConfigError(f"--log {place}: no such log, nor folder of logs")
-        if place is not None and (place.is_file() or (place / "log.json").is_file()):
-            yield place
-        elif place is not None:
-            found = sorted(path for path in place.iterdir() if path.suffix in (".mcap", ".parquet", ".bag"))
-            yield from sorted(found, key=lambda path: path.stem != name)
+        found: list[Path] = []
+        for place in self._places:
+            if not place.exists():
+                raise ConfigError(f"--log {place}: no such log, nor folder of logs")
+            is_log = place.is_file() or (place / "log.json").is_file()
+            found += [place] if is_log else sorted(p for p in place.iterdir() if p.suffix in _LOGS)
+        yield from sorted(found, key=lambda path: path.stem != name)
 
 
 def _from_log(path: Path, run: Run, index: int) -> MediaFrame:
