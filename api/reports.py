@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fbench.api.scores import open_folder
+from fbench.api.suites.cells import CELLS
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.scores import ScoreOptions
@@ -88,8 +89,9 @@ def render(runs: Sequence[Path | str]) -> bytes:
 
 
 def is_suite(runs: Sequence[Path | str]) -> bool:
-    """Tell whether the only folder is that of a suite with results, whose report its command wrote."""
-    return len(runs) == 1 and not (Path(runs[0]) / "manifest.json").exists() and _results(runs[0]).is_file()
+    """Tell whether the only folder is that of a suite, whose report its command wrote."""
+    there = [(Path(runs[0]) / name).is_file() for name in ("manifest.json", CELLS, "results.json")]
+    return len(runs) == 1 and not there[0] and any(there[1:])
 
 
 def _options_of(run: Run) -> ScoreOptions:

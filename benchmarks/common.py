@@ -56,9 +56,11 @@ def best_s(function: Callable[[], object], repeat: int = 5, clock: Callable[[], 
     return min(times)
 
 
-def best_by_turns_s(functions: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+def best_by_turns_s(
+    functions: Mapping[str, Callable[[], object]], rounds: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, float]:
     """Return the shortest of some rounds by name, in each of which all run, so that a busy machine is so for all."""
-    times = [{name: best_s(function, 1) for name, function in functions.items()} for _ in range(rounds)]
+    times = [{name: best_s(function, 1, clock) for name, function in functions.items()} for _ in range(rounds)]
     return {name: min(taken[name] for taken in times) for name in functions}
 
 

@@ -20,7 +20,11 @@ def report(
         ),
     ] = None,
     log: Annotated[
-        Path | None, Option(metavar="LOG", help="Copy the messages of the log that was replayed into the overlay.")
+        Path | None,
+        Option(
+            metavar="LOG",
+            help="The log that was replayed: copied into the overlay, and drawn in the sheet (or its folder).",
+        ),
     ] = None,
     tables: Annotated[
         Path | None, Option(metavar="FOLDER", help="Also write every table as CSV, Parquet and Markdown.")
@@ -30,6 +34,13 @@ def report(
         Option(
             metavar="FOLDER", help="Also draw figures for papers as SVG and PNG; a folder of fbench robust may be RUN."
         ),
+    ] = None,
+    sheet: Annotated[
+        Path | None,
+        Option(metavar="FILE", help="Also draw one frame, pipelines by conditions (.png or .svg); also of a suite."),
+    ] = None,
+    frame: Annotated[
+        int | None, Option(metavar="N", min=0, help="Frame of the sheet (default: the one with the most truth).")
     ] = None,
 ) -> None:
     """Write one self-contained report of one or several runs, and other forms of it."""
@@ -41,11 +52,15 @@ def report(
 
     if overlay is not None and len(runs) > 1:
         raise ConfigError(f"--overlay shows the results of one RUN, not of {len(runs)}")
-    if log is not None and overlay is None:
-        raise ConfigError("--log goes with --overlay FILE.mcap, into which its messages are copied")
+    if log is not None and overlay is None and sheet is None:
+        raise ConfigError("--log goes with --overlay FILE.mcap, into which its messages are copied, or --sheet")
+    if frame is not None and sheet is None:
+        raise ConfigError("--frame goes with --sheet FILE, which shows one frame")
     is_suite = reports.is_suite(runs)
-    if is_suite and (overlay is not None or out is not None or (tables is None and figures is None)):
-        raise ConfigError(f"{runs[0]}: is a suite, which has its report; of it there are --tables and --figures")
+    if is_suite and (overlay is not None or out is not None or not (tables or figures or sheet)):
+        raise ConfigError(
+            f"{runs[0]}: is a suite, which has its report; of it there are --tables, --figures and --sheet"
+        )
     if not is_suite:
         say(f"report: {write_report(runs, out, kind)}")
     if overlay is not None:
@@ -54,5 +69,9 @@ def report(
         say(f"tables: {tables} ({len(reports.tables(runs, tables))} files)")
     if figures is not None:
         say(f"figures: {figures} ({len(reports.figures(runs, figures))} files)")
+    if sheet is not None:
+        from fbench.api import sheets
+
+        say(*sheets.describe(sheets.sheet(sheets.SheetRequest(runs, sheet, frame, log)), sheet))
     whole = is_suite or all(open_run(folder).complete for folder in runs)
     raise typer.Exit(EXIT_OK if whole else EXIT_LOSSY)

@@ -31,7 +31,7 @@ _STYLE: Any = {  # matplotlib types each of its keys
     "savefig.dpi": 200,
 }  # fmt: skip
 _WIDTH_IN, _HEIGHT_IN = 3.5, 2.4  # A column of a paper
-_FORMS: Mapping[str, Mapping[str, str | None]] = {"svg": {"Date": None}, "png": {}}
+FORMS: Mapping[str, Mapping[str, str | None]] = {"svg": {"Date": None}, "png": {}}
 _SHARES = (-0.03, 1.03)  # Of an axis; what is 0 or 1 isn't cut off
 _MAX_LABEL = 40
 _STEP = re.compile(r"(.+) (clear|[1-5])")
@@ -51,7 +51,7 @@ def draw_runs(runs: Sequence[Run], curves: Sequence[Curve | None], folder: Path)
     paths. `curves`: one a run, `None` where results have no scores. Raises ConfigError where there is nothing to draw
     or nothing can be written; MissingPackageError without matplotlib; RunError where a run is damaged.
     """
-    labels = [_short(label) for label in run_labels(runs)]
+    labels = [shorten(label) for label in run_labels(runs)]
     scored = [(label, _native(run)) for label, run in zip(labels, runs, strict=True)]
     classes = [(label, {s.class_: s for s in rows if s.slice == "all"}) for label, rows in scored]
     ranges = [(label, {s.slice[6:]: s for s in rows if s.slice.startswith("range ")}) for label, rows in scored]
@@ -79,7 +79,7 @@ def draw_suite(results: Path, folder: Path) -> list[Path]:
     found: dict[str, dict[str, dict[int, FigureRow]]] = {}
     for row in read_results(results).get(_CURVES, ()):
         if match := _STEP.fullmatch(row.name):
-            lines = found.setdefault(_short(match[1]), {})
+            lines = found.setdefault(shorten(match[1]), {})
             lines.setdefault(row.column, {})[int(match[2].replace("clear", "0"))] = row
     if not found:
         raise ConfigError(f"{results}: there is nothing to draw: no condition has several severities")
@@ -93,30 +93,33 @@ def _native(run: Run) -> list[Score]:
     return [score for score in rows if score.matching == rows[0].matching and score.value is not None]
 
 
-def _short(label: str) -> str:
+def shorten(label: str, length: int = _MAX_LABEL) -> str:
+    """Return a name in one line, cut off where it is too long."""
     text = " ".join(visible(label).split())
-    return text if len(text) <= _MAX_LABEL else f"{text[: _MAX_LABEL - 1]}…"
+    return text if len(text) <= length else f"{text[: length - 1]}…"
 
 
 def _save(path: Path, draw: Callable[["Figure"], None]) -> list[Path]:
     """Draw a figure and write it in all forms."""
-    paths = [path.with_name(f"{path.name}.{form}") for form in _FORMS]
-    with _style() as new_figure:
+    paths = [path.with_name(f"{path.name}.{form}") for form in FORMS]
+    with style("--figures") as new_figure:
         figure = new_figure()
         draw(figure)
-        for out, (form, metadata) in zip(paths, _FORMS.items(), strict=True):
+        for out, (form, metadata) in zip(paths, FORMS.items(), strict=True):
             write_whole(out, partial(figure.savefig, format=form, metadata=dict(metadata)))
     return paths
 
 
 @contextmanager
-def _style() -> Iterator[Callable[[], "Figure"]]:
-    """Set the style, whatever the user's own is, and give a maker of figures."""
+def style(option: str) -> Iterator[Callable[[], "Figure"]]:
+    """Set the style, whatever the user's own is, and give a maker of figures. Raises MissingPackageError naming what
+    asked for it.
+    """
     try:
         import matplotlib
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise MissingPackageError("--figures needs matplotlib; pip install 'fbench[figures]'") from error
+        raise MissingPackageError(f"{option} needs matplotlib; pip install 'fbench[figures]'") from error
     with matplotlib.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)  # of names from data
         matplotlib.rcdefaults()
@@ -135,7 +138,7 @@ def _draw_scores(groups: Sequence[tuple[str, Mapping[str, Score]]], x_label: str
         for x, score in own:
             if score.low is not None and score.high is not None:
                 axes.plot([x, x], [score.low, score.high], "-", lw=1.2, color=color)
-    axes.set_xticks(range(len(names)), [_short(name) for name in names], rotation=30 if len(names) > 4 else 0)
+    axes.set_xticks(range(len(names)), [shorten(name) for name in names], rotation=30 if len(names) > 4 else 0)
     axes.set(ylim=_SHARES, ylabel="F1", xlabel=x_label)
     _add_legend(axes, len(groups))
 
@@ -157,7 +160,7 @@ def _draw_latency(tables: Sequence[tuple[str, LatencyTable]], figure: "Figure") 
     start = [0.0] * len(tables)
     for number, name in enumerate(names):
         means = [next((s.mean_ms or 0.0 for s in table.stages if s.stage == name), 0.0) for _, table in tables]
-        axes.barh(range(len(tables)), means, 0.6, start, color=_COLORS[number % len(_COLORS)], label=_short(name))
+        axes.barh(range(len(tables)), means, 0.6, start, color=_COLORS[number % len(_COLORS)], label=shorten(name))
         start = [left + mean for left, mean in zip(start, means, strict=True)]
     of_frames = [next((s.mean_ms or 0.0 for s in t.stages if s.stage == "total"), 0.0) for _, t in tables]
     axes.barh(range(len(tables)), of_frames, 0.8, fill=False, edgecolor="k", lw=0.8, label="whole frame, mean")
@@ -185,7 +188,7 @@ def _draw_robustness(found: Mapping[str, Mapping[str, Mapping[int, FigureRow]]],
             color = _COLORS[pipelines.index(pipeline) % len(_COLORS)]
             own = [(at, row) for at, row in sorted(points.items()) if row.value is not None]
             x = [at for at, _ in own]
-            axes.plot(x, [row.value or 0.0 for _, row in own], "o-", ms=3, lw=1.2, color=color, label=_short(pipeline))
+            axes.plot(x, [row.value or 0.0 for _, row in own], "o-", ms=3, lw=1.2, color=color, label=shorten(pipeline))
             sure = [(at, row.low, row.high) for at, row in own if row.low is not None and row.high is not None]
             if len(sure) > 1:
                 at, low, high = zip(*sure, strict=True)

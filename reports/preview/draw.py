@@ -1,7 +1,6 @@
 """Drawing into pictures (H, W, 3), BGR; they are changed in place."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -25,6 +24,7 @@ MAX_DISKS = 100_000  # Drawn one by one in a picture; of more, every n-th is
 OUTLINE = [0, 1, 2, 1, 2, 3, 0, 3, 0, 1]  # Of a rectangle (left, top, right, bottom): a closed line of five points
 NEAR_M, FAR_M = 2.0, 80.0
 MAX_SPEED_MPS = 10.0
+_FARTHEST_PX = 16_000  # From the picture's corner, which OpenCV takes
 _FONT, _SCALE = 0, 0.42
 _CYCLE: tuple[Color, ...] = (
     (235, 206, 135), (80, 175, 250), (140, 220, 120), (220, 130, 230), (90, 235, 235), (150, 150, 250), (230, 170, 90),
@@ -47,6 +47,16 @@ def of_depth(depth_m: Float64) -> Colors:
     share = np.log(safe / NEAR_M) / np.log(FAR_M / NEAR_M)
     levels = np.round(235 - 215 * share).astype(np.uint8).reshape(-1, 1)
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)
+
+
+def of_height(z_m: Float64, low_m: float, high_m: float) -> Colors:
+    """Colors (N, 3) of heights (N,) [m]: blue at `low_m` and below, over green, to red from `high_m` on."""
+    import cv2
+
+    if not len(z_m):
+        return np.zeros((0, 3), np.uint8)
+    levels = np.round(20 + 215 * np.clip((z_m - low_m) / (high_m - low_m), 0, 1)).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)
 
 
 def of_speed(speed_mps: Float64) -> Colors:
@@ -132,11 +142,11 @@ def path(picture: Pixels, uv: Float64, color: Color, thickness: int = 1, rim: bo
     """Join points (N, 2) [px] by lines; it is broken where one isn't finite."""
     import cv2
 
-    for under in (True, False) if rim else (False,):
-        for a, b in pairwise(uv):
-            if np.isfinite(a).all() and np.isfinite(b).all():
-                wide, ink = (thickness + 2, (0, 0, 0)) if under else (thickness, color)
-                cv2.line(picture, _place(a), _place(b), ink, wide, cv2.LINE_AA)
+    is_finite = np.asarray(np.isfinite(uv).all(axis=1), np.bool_)
+    places = np.clip(np.round(np.where(np.isfinite(uv), uv, 0)), -_FARTHEST_PX, _FARTHEST_PX).astype(int).tolist()
+    for wide, ink in ((thickness + 2, (0, 0, 0)), (thickness, color)) if rim else ((thickness, color),):
+        for i in np.flatnonzero(is_finite[:-1] & is_finite[1:]).tolist():
+            cv2.line(picture, places[i], places[i + 1], ink, wide, cv2.LINE_AA)
 
 
 def color_bar(picture: Pixels, colors: Colors, labels: Sequence[tuple[float, str]], title: str) -> None:
@@ -157,4 +167,5 @@ def color_bar(picture: Pixels, colors: Colors, labels: Sequence[tuple[float, str
 
 def _place(at: Sequence[float] | Array) -> tuple[int, int]:
     """Round to what OpenCV takes, far outside stays outside."""
-    return int(np.clip(round(float(at[0])), -16000, 16000)), int(np.clip(round(float(at[1])), -16000, 16000))
+    x, y = (min(max(round(float(value)), -_FARTHEST_PX), _FARTHEST_PX) for value in (at[0], at[1]))
+    return x, y

@@ -327,5 +327,8 @@ class Measured:
             for sample, view in zip(both, views, strict=True):
                 index, text = sample.frame.index, f"Stereo of {pair.left} and {pair.right}: {view.caption}."
                 stem = f"{index:06d}-{self.album.stem(pair.left)}-stereo-{self.album.stem(pair.right)}"
-                pictures.setdefault(index, []).append(self.album.add(stem, view.picture, text, "Depth by stereo"))
+                kept = pictures.setdefault(index, [])
+                kept.append(self.album.add(stem, view.picture, text, "Depth by stereo"))
+                text = f"LiDAR on the left, points by stereo of {pair.left} and {pair.right} on the right, from above."
+                kept.append(self.album.add(f"{stem}-cloud", view.cloud, text, "Points by stereo and LiDAR"))
         return pictures

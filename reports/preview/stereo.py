@@ -1,4 +1,4 @@
-"""Depth by stereo, beside that of LiDARs."""
+"""Depth and points by stereo, beside those of LiDARs."""
 
 from dataclasses import dataclass
 
@@ -12,14 +12,18 @@ from fbench.replay.geometry.stereo_pairs import Pair, Rectified
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.reports.preview import draw
 from fbench.reports.preview.camera import whole
-from fbench.reports.preview.draw import INK, of_depth
+from fbench.reports.preview.draw import INK, of_depth, of_height
 from fbench.reports.preview.sample import Sample
+from fbench.reports.preview.views import Ground, draw_rings, write_rings
 
 _NEAREST_M = 2.5
 _MAX_DISPARITY = 256
 _BLOCK = 9
 _COMPARED_M = (3.0, 40.0)
 _MIN_COMPARED = 50
+_CLOUD = Ground((0.0, -20.0), (40.0, 20.0), 16.0)  # The part of the ground where clouds are compared
+_EVERY_PX = 3  # Of the pixels, in both directions, one becomes a point
+_HEIGHTS_M = (-0.5, 3.5)  # Above the body's origin, from which to which colors go
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +31,7 @@ class StereoView:
     """One frame of a pair."""
 
     picture: Pixels
+    cloud: Pixels  # LiDAR on the left, points by stereo on the right, both from above (thesis, figure 5.13)
     found_share: float  # Share of pixels to which a depth was found
     num_compared: int  # LiDAR points in 3 to 40 m at whose pixel stereo has a depth
     median_error: float | None  # Median of |stereo - LiDAR| / LiDAR; `None` with too few points
@@ -63,7 +68,32 @@ def stereo_view(sample: Sample, pair: Pair, how: Rectified) -> StereoView:
     off = float(np.median(np.abs(error))) if enough else None
     bias = float(np.median(error)) if enough else None
     picture = _draw_depths(left, depth, uv, lidar_m, pair)
-    return StereoView(picture, float(np.mean(disparity > 0)), len(error), off, bias)
+    cloud = _draw_clouds(xyz, _points(depth, how, sample.rig.body_T_sensor(pair.left)), pair)
+    return StereoView(picture, cloud, float(np.mean(disparity > 0)), len(error), off, bias)
+
+
+def _points(depth: Float64, how: Rectified, body_T_left: Float64) -> Float64:
+    """Points (N, 3) [m] of a depth image (H, W) in body coordinates: X = (u - c_x) Z / f, Y = (v - c_y) Z / f."""
+    v, u = np.indices(depth.shape)[:, ::_EVERY_PX, ::_EVERY_PX]
+    z = depth[::_EVERY_PX, ::_EVERY_PX]
+    kept = np.isfinite(z)
+    K = how.camera.K
+    at = [(u[kept] - K[0, 2]) * z[kept] / K[0, 0], (v[kept] - K[1, 2]) * z[kept] / K[1, 1], z[kept]]
+    return transform(body_T_left, transform(inverse(how.rectified_T_left), np.stack(at, axis=1)))
+
+
+def _draw_clouds(lidar: Float64, stereo: Float64, pair: Pair) -> Pixels:
+    """Both clouds from above side by side, colored by height; the highest points are drawn last."""
+    halves = []
+    for xyz, text in ((lidar, "LiDAR"), (stereo, f"stereo of {draw.plain(pair.left)} and {draw.plain(pair.right)}")):
+        half = draw.canvas(*_CLOUD.size_wh)
+        rings = draw_rings(half, _CLOUD)
+        own = xyz[np.argsort(xyz[:, 2], kind="stable")]
+        draw.disks(half, _CLOUD.to_picture(own[:, :2]), np.ones(len(own)), of_height(own[:, 2], *_HEIGHTS_M))
+        write_rings(half, rings)
+        draw.lines(half, [f"{text}: {format_count(len(xyz), 'point')}, from above, by height"], [INK])
+        halves.append(half)
+    return np.concatenate([halves[0], np.full((len(halves[0]), 4, 3), 255, np.uint8), halves[1]], axis=1)
 
 
 def _disparity(left: Pixels, right: Pixels, how: Rectified) -> Float32:

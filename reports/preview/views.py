@@ -23,6 +23,7 @@ _STEPS_M = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 MAX_PX = 1100
 _REACH_M = 100.0
 _RINGS_M = (5, 10, 20, 30, 40, 50, 60, 80, 100)
+_FEW = 2_000  # Echoes that are drawn as large disks
 _SIDE_Z_M = (-4.0, 6.0)
 _FOOTPRINT = [0, 2, 3, 1, 0]  # Corners of a box around its foot; those of 0 and 2 are in front
 
@@ -114,7 +115,7 @@ def ground_of(samples: Sequence[Sample]) -> Ground:
 def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     """LiDARs, each in a color of its own, radars by speed, truth, range rings, and where the sensors look."""
     picture = draw.canvas(*ground.size_wh)
-    rings = _draw_rings(picture, ground)
+    rings = draw_rings(picture, ground)
     for points in sample.points_of("lidar"):
         color = of_sensor(lidars.index(points.sensor))
         _draw_points(picture, ground, points, np.full((len(points.xyz), 3), color, np.uint8), 1)
@@ -126,7 +127,7 @@ def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     for points in sample.points_of("radar"):
         _draw_points(picture, ground, points, of_speed(points.speed_mps), 4)
     draw_sensors(picture, ground.to_picture, sample.rig)
-    _write_rings(picture, rings)
+    write_rings(picture, rings)
     _draw_axes(picture, ground)
     rows = [(f"frame {sample.frame.index}, from above", INK)]
     for points in sample.points_of("lidar"):
@@ -149,7 +150,7 @@ def from_own(points: Points) -> Pixels:
     reach = max(10.0, float(np.quantile(np.abs(near), 0.98)) if len(near) else 10.0)
     ground = Ground((-reach, -reach), (reach, reach), 700 / (2 * reach))
     picture = draw.canvas(*ground.size_wh)
-    _write_rings(picture, _draw_rings(picture, ground))
+    write_rings(picture, draw_rings(picture, ground))
     is_radar = points.kind == "radar"
     colors = of_speed(points.speed_mps) if is_radar else np.full((len(points.xyz), 3), of_sensor(0), np.uint8)
     _draw_points(picture, ground, points, colors, 4 if is_radar else 1)
@@ -188,7 +189,8 @@ def from_side(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     return picture
 
 
-def _draw_rings(picture: Pixels, ground: Ground) -> list[tuple[str, Float64]]:
+def draw_rings(picture: Pixels, ground: Ground) -> list[tuple[str, Float64]]:
+    """Draw circles around the body; return their labels with places, see `write_rings`."""
     circle = np.linspace(0, 2 * np.pi, 181)
     labels: list[tuple[str, Float64]] = []
     for radius in _RINGS_M:
@@ -200,13 +202,15 @@ def _draw_rings(picture: Pixels, ground: Ground) -> list[tuple[str, Float64]]:
     return labels
 
 
-def _write_rings(picture: Pixels, labels: Sequence[tuple[str, Float64]]) -> None:
+def write_rings(picture: Pixels, labels: Sequence[tuple[str, Float64]]) -> None:
+    """Write the labels of circles, over what was drawn since."""
     for text, at in labels:
         draw.write(picture, text, (at[0] - 12, at[1]), QUIET, boxed=True)
 
 
 def _draw_points(picture: Pixels, ground: Ground, points: Points, colors: Colors, radius: int) -> None:
     uv = ground.to_picture(points.xyz[:, :2])
+    radius = radius if len(uv) <= _FEW else 1  # large disks of many echoes hide each other, and take long
     draw.disks(picture, uv, np.full(len(uv), radius), colors, rim=radius > 1)
 
 

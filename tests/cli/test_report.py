@@ -7,9 +7,12 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pandas as pd
 import pytest
 from mcap.reader import make_reader
@@ -118,8 +121,69 @@ def test_a_suite_has_tables_and_figures(fbench):
     result = fbench("report", "suite", "--tables", "t", "--figures", "f")
     assert (result.code, result.out) == (0, "tables: t (3 files)\nfigures: f (2 files)\n")
     assert fbench("report", "suite").err == (
-        "fbench: suite: is a suite, which has its report; of it there are --tables and --figures\n"
+        "fbench: suite: is a suite, which has its report; of it there are --tables, --figures and --sheet\n"
     )
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory):
+    """The small log through two pipelines, clear and with condition, without media; most truth is in frame 2."""
+    folder = tmp_path_factory.mktemp("sheets") / "suite"
+    more = list(truths())
+    more[2] = replace(more[2], boxes3d=replace(more[2].boxes3d[[0, 0]], track_id=np.array([3, 4])))
+    (folder / "logs").mkdir(parents=True)
+    log = write_log(folder / "logs" / "car.mcap", [*messages(), *more])
+    for pipeline in ("late3d", "lidar2d"):
+        for name, words in (("clear", ()), ("loss", ("--condition", "lidar.density:5", "--seed", "3"))):
+            out = folder / "runs" / "car" / pipeline / name
+            assert program("replay", log, "-p", pipeline, "--no-media", *words, "-o", out) == 0
+    (folder / "results.json").write_text("{}")
+    return folder
+
+
+def test_a_sheet_of_a_suite_is_drawn_from_its_logs(fbench, suite):
+    result = fbench("report", suite, "--sheet", "sheet.png")
+    assert (result.code, result.out) == (0, "sheet: sheet.png (2 pipelines x 2 conditions, car, frame 2)\n")
+    assert cv2.imread("sheet.png").shape[:2] == (660, 820)
+    assert fbench("report", suite, "--sheet", "again.png", "--frame", "2").code == 0
+    assert Path("again.png").read_bytes() == Path("sheet.png").read_bytes()
+    assert fbench("report", suite, "--sheet", "other.svg", "--frame", "5").out.endswith("frame 5)\n")
+
+
+def test_a_sheet_without_pictures_says_so(fbench, suite, place):
+    runs = [suite / "runs" / "car" / "late3d" / name for name in ("clear", "loss")]
+    result = fbench("report", *runs, "-o", "r.html", "--sheet", "sheet.png")
+    assert result.code == 0
+    assert result.out.splitlines()[1:] == [
+        "sheet: sheet.png (1 pipeline x 2 conditions, car, frame 2)",
+        "not shown: no pictures of clear, lidar.density:5: the runs kept none of frame 2; name the log with --log",
+    ]
+    log = suite / "logs" / "car.mcap"
+    assert len(fbench("report", *runs, "-o", "r.html", "--sheet", "full.png", "--log", log).out.splitlines()) == 2
+    assert (
+        len(fbench("report", *runs, "-o", "r.html", "--sheet", "full2.png", "--log", log.parent).out.splitlines()) == 2
+    )
+    assert Path("full.png").read_bytes() == Path("full2.png").read_bytes() != Path("sheet.png").read_bytes()
+    kept = fbench("report", place / "run", "-o", "r.html", "--sheet", "kept.svg")  # media are in the run
+    assert kept.out.splitlines()[1:] == ["sheet: kept.svg (1 pipeline x 1 condition, car, frame 0)"]
+
+
+def test_sheets_that_cannot_be_drawn(fbench, suite, place):
+    with McapWriter(Path("other.mcap"), LogInfo("other", "test-2", {}), rig()) as writer:
+        writer.write(next(messages(1)))
+    for words, why in [
+        (("--sheet", "s.pdf"), "--sheet s.pdf: expected a name that ends in .png or .svg"),
+        (("--sheet", "s.png", "--frame", "6"), "--frame 6: expected one that all runs have: 0 to 5"),
+        (("--frame", "1"), "--frame goes with --sheet FILE"),
+        (("--sheet", "s.png", "--log", "none.mcap"), "--log none.mcap: no such log, nor folder of logs"),
+        (("--sheet", "s.png", "--log", "."), ".: has no log of"),
+        (("--sheet", "other.mcap/s.png"), "can't be written"),
+    ]:
+        result = fbench("report", suite, *words)
+        assert (result.code, result.err.count("\n")) == (2, 1), result.err
+        assert why in result.err
+    assert not list(Path().glob("s.*"))
+    assert "not a run folder" in fbench("report", suite, place / "run", "--sheet", "s.png").err
 
 
 def test_view_serves_until_ctrl_c(place):

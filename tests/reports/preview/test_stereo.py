@@ -54,6 +54,12 @@ def test_depth_agrees_with_the_lidar_where_both_are_right(lidar_m):
     assert view.found_share > 0.7
     assert view.median_bias == pytest.approx((6.0 - lidar_m) / lidar_m, abs=0.02)
     assert "median relative difference from LiDAR" in view.caption
+    # The clouds from above, 16 px per meter, x up from 0 to 40 m, y from 20 m on the left: the wall is 4 m wide.
+    vivid = np.ptp(view.cloud.astype(int), axis=2) > 100
+    for half, far_m in ((vivid[:, :640], lidar_m), (vivid[:, 644:], 6.0)):
+        rows, columns = np.nonzero(half)
+        assert 40 - np.median(rows) / 16 == pytest.approx(far_m, abs=0.2)
+        assert 20 - np.median(columns) / 16 == pytest.approx(0, abs=1.0)  # its left end has no match
 
 
 def test_turned_cameras_are_rectified():

@@ -27,6 +27,15 @@ def test_points_have_the_colors_of_lidar_and_speed():
     assert color_at(picture, 12, -6) == (255, 0, 0)
 
 
+def test_many_echoes_are_small():
+    """Of 2,000 echoes each is a large disk, of more a few pixels: they would hide each other."""
+    for num, is_large in ((2000, True), (2001, False)):
+        xyz = [[15.0, -5, 0]] + [[-15.0, 5, 0]] * (num - 1)
+        picture = from_above(sample(street_rig(), scans={"radar": (xyz, [10.0] * num)}), GROUND, [])
+        assert color_at(picture, 15, -5) == (0, 0, 255)
+        assert (color_at(picture, 15, -5.15) == (0, 0, 255)) == is_large  # 3 px beside
+
+
 def test_truth_is_outlined_with_its_front():
     picture = from_above(sample(street_rig(), boxes=one_box(-10, 8)), GROUND, [])
     assert color_at(picture, -8, 8) == pytest.approx(TRUTH, abs=30)  # front edge
