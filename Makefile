@@ -28,7 +28,7 @@ test: lint
 	$(PYTEST) -m "not slow"
 
 # What `make test` leaves out: slow tests, and those that need torch, which weighs gigabytes, or CARLA's client.
-test-all: $(VENV)/ready-carla test $(VENV)/ready-torch
+test-all: test $(VENV)/ready-torch $(VENV)/ready-carla
 	$(PYTEST) -m "slow or torch"
 
 # Damages and edits all kinds of input; see docs/faults.md.

@@ -357,6 +357,7 @@ def parameters(function):
 KINDS = [*(getattr(stand_in, name) for name in stand_in.NAMES), stand_in.client_of(Server())]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_the_stand_in_has_what_the_package_has(package, kind):
     real = getattr(package, kind.__name__)
@@ -386,6 +387,7 @@ def accepts(function, own):
     )
 
 
+@pytest.mark.slow
 def test_the_comparison_finds_what_differs(package):
     def tick(self, seconds, twice, /):
         pass
@@ -394,6 +396,7 @@ def test_the_comparison_finds_what_differs(package):
     assert not hasattr(package.World, "get_everything")
 
 
+@pytest.mark.slow
 def test_weather_and_sensor_data_have_the_packages_names(package, modules):
     assert all(
         hasattr(package.WeatherParameters(), name) for name in modules.conversions.weather(condition("fog").weather)
@@ -411,6 +414,7 @@ def test_weather_and_sensor_data_have_the_packages_names(package, modules):
     settings.synchronous_mode, settings.fixed_delta_seconds = False, None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angles", [(10, 20, 30), (-40, 170, -5), (0, -90, 80)])
 def test_rotations_are_the_packages(package, modules, angles):
     place = package.Transform(package.Location(1, 2, 3), package.Rotation(*angles))
@@ -428,6 +432,7 @@ ROAD = """<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="4" name
 </right></laneSection></lanes></road></OpenDRIVE>"""
 
 
+@pytest.mark.slow
 def test_outlines_of_a_map_of_the_package(package, modules):
     """OpenDRIVE's axes are fbench's: the right lanes of a road along x have the lower y."""
     waypoints = package.Map("road", ROAD).generate_waypoints(2.0)
