@@ -103,6 +103,13 @@ def _points(rig: Rig, message: PointCloud | RadarScan) -> Points:
     return Points(xyz, speed)
 
 
+def thin(points: Points, most: int) -> Points:
+    """Return at most so many points, evenly spread."""
+    num = len(points.xyz)
+    rows = np.arange(min(num, most)) * num // max(1, min(num, most))
+    return Points(points.xyz[rows], points.speed_mps[rows])
+
+
 def pack_points(points: Points) -> bytes:
     """Return points as little-endian int16 (N, 4): x, y, z [cm], radial velocity [cm/s], -32768 where there is none.
     What is farther away than 327 m is put there.

@@ -15,15 +15,21 @@ from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
 from fbench.reports.html import overview
 from fbench.reports.html.records import environment, island, resource
-from fbench.reports.html.scene import frames_to_show, scenes
+from fbench.reports.html.scene import BUDGET_MB, scenes
 from fbench.reports.html.scoreboard import result_view, scoreboard
 
 _PACKAGE = "fbench.reports.html"
-_SCRIPTS = ("base.js", "view.js", "scene.js", "camera.js", "objects.js", "timeline.js", "main.js")
+_SCRIPTS = (
+    "base.js", "store.js", "view.js", "points.js", "scene.js", "camera.js", "objects.js", "timeline.js", "errors.js",
+    "player.js", "main.js",
+)  # fmt: skip
+_PAGE_BYTES = 400_000  # About what scripts, style and tables take
 
 
-def page(runs: Sequence[Run], results: Results | None = None) -> str:
-    """Return the whole page as text, the tables of an experiment first where there are any."""
+def page(runs: Sequence[Run], results: Results | None = None, budget_mb: float = BUDGET_MB) -> str:
+    """Return the whole page as text, the tables of an experiment first where there are any. It has `budget_mb` MB at
+    most, unless its tables alone have more: so many frames are left out.
+    """
     labels = overview.run_labels(runs)
     heads = [overview.overview(run, label) for run, label in zip(runs, labels, strict=True)]
     latency = overview.latency_panels(runs, labels)
@@ -34,6 +40,8 @@ def page(runs: Sequence[Run], results: Results | None = None) -> str:
         num_warm = max(0, len(timed) - table.frames) if table else 0  # Frames that the table leaves out
         warm_up = timed[num_warm - 1] + 1 if num_warm else 0
         timing.append({"budget": table.budget_ms if table else None, "total": total, "warm_up": warm_up})
+    rest = len(island(timing)) + _PAGE_BYTES + sum(len(island(overview.timeline(run))) for run in runs)
+    scene = scenes(runs, labels, max(0.0, budget_mb * 1e6 - rest))
     return environment(_PACKAGE).get_template("report.html").render(
         title=overview.title(runs) if results is None else results.title,
         results=None if results is None else result_view(results),
@@ -47,10 +55,13 @@ def page(runs: Sequence[Run], results: Results | None = None) -> str:
         faults=overview.fault_lines(runs, labels),
         groups=overview.what_ran(runs),
         velocity_periods=overview.velocity_periods(runs),
-        num_kept=sum(len(frames_to_show(run)) for run in runs),
+        scene=scene,
+        budget_mb=budget_mb,
+        clips=scene.content["clips"],
         style=Markup(resource(_PACKAGE, "style.css")),  # noqa: S704 - part of the package, as are the scripts
         script=Markup("\n".join(resource(_PACKAGE, name) for name in _SCRIPTS)),  # noqa: S704
-        data=Markup(island(scenes(runs, labels))),  # noqa: S704 - escaped by `island`
+        data=Markup(island(scene.content)),  # noqa: S704 - escaped by `island`
+        store=Markup(scene.store.text),  # noqa: S704 - base64
         timing=Markup(island(timing)),  # noqa: S704
     )  # fmt: skip
 
@@ -59,8 +70,11 @@ class HtmlReport:
     """One self-contained HTML file about one run, or about several side by side.
 
     It loads nothing, works offline, and is equal byte by byte for equal run folders; all that was measured on the
-    host's clock stands inside the one section `timing`.
+    host's clock stands inside the one section `timing`. `budget_mb` is about its size at most [MB].
     """
+
+    def __init__(self, budget_mb: float = BUDGET_MB) -> None:
+        self._budget_mb = budget_mb
 
     def write(self, runs: Sequence[Run], out: Path) -> None:
         """Write the report of `runs` to `out`, which appears only when whole. Raises ConfigError without runs, or where
@@ -68,11 +82,11 @@ class HtmlReport:
         """
         if not runs:
             raise ConfigError("report: no runs given; name at least one run folder")
-        _write_whole(out, page(runs).encode("utf-8"))
+        _write_whole(out, page(runs, budget_mb=self._budget_mb).encode("utf-8"))
 
     def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
         """Write the tables of an experiment, and below them the report of `runs`, some of its own; see `write`."""
-        _write_whole(out, page(runs, results).encode("utf-8"))
+        _write_whole(out, page(runs, results, self._budget_mb).encode("utf-8"))
 
 
 def _write_whole(out: Path, content: bytes) -> None:
