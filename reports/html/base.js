@@ -77,7 +77,7 @@ function sized(canvas, width, height) {
   const size = [width, height].map((side) => Math.max(1, Math.round(side * ratio)));
   if (canvas.width !== size[0]) canvas.width = size[0];
   if (canvas.height !== size[1]) canvas.height = size[1];
-  const ctx = canvas.getContext("2d");
+  const ctx = canvas.getContext("2d", { willReadFrequently: true }); // Points are written as pixels, which a GPU makes slower
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
   ctx.clearRect(0, 0, width, height);
   return ctx;

@@ -6,7 +6,7 @@ const state = { run: 0, beside: null, at: 0, camera: null, hover: undefined, obj
 const footages = data.runs.map((one) => new Footage(one));
 const scenes = [];
 const panels = [];
-let drawing = false;
+let waiting = null; // What the next paint of the screen draws: the scenes, or all
 
 const run = () => data.runs[state.run];
 const footage = () => footages[state.run];
@@ -61,21 +61,26 @@ function trails(footage, at, tracks) {
   return [...ours.values()].filter(({ places }) => places.length > 1);
 }
 
-function draw() {
+function draw(what = "all") {
   sides().forEach(([number, at], side) => {
     const frame = footages[number].length ? footages[number].get(at, drawSoon) : undefined;
     if (!frame && footages[number].length) return; // it is drawn when it is decoded
     const shown = frame && chosen(footages[number], frame);
     scenes[side].draw(shown, look(side), frame ? trails(footages[number], at, shown.tracks) : []);
-    panels[side].draw(data.runs[number], shown, state.camera, look(side));
+    if (what === "all") panels[side].draw(data.runs[number], shown, state.camera, look(side));
   });
 }
 
 // Pointers move faster than the screen is painted.
-function drawSoon() {
-  if (drawing) return;
-  drawing = true;
-  requestAnimationFrame(() => { drawing = false; draw(); });
+function drawSoon(what = "all") {
+  if (!waiting) requestAnimationFrame(() => { const now = waiting; waiting = null; draw(now); });
+  waiting = waiting === "all" || what !== "scenes" ? "all" : "scenes";
+}
+
+// The view moved, what it shows did not.
+function turn() {
+  showTip("");
+  drawSoon("scenes");
 }
 
 function hover(hit, event) {
@@ -303,7 +308,7 @@ function clipRow(clip) {
 function setUp() {
   const view = new View();
   for (const end of ["", "-2"]) {
-    scenes.push(new Scene($(`scene${end}`), view, { hover, pick }));
+    scenes.push(new Scene($(`scene${end}`), view, { hover, pick, turn }));
     panels.push(new CameraPanel($(`camera${end}`), hover, drawSoon));
   }
   const on = (id, kind, act) => $(id).addEventListener(kind, act);
@@ -323,9 +328,9 @@ function setUp() {
   on("object", "click", () => pick(undefined));
   on("errors", "click", (event) => step(Math.floor(event.offsetX / $("errors").clientWidth * footage().length)));
   for (const id of ["class", "only", "color"]) on(id, "change", () => { list(); drawErrors($("errors"), footage(), $("only").value, state.at); draw(); });
-  LAYERS.forEach((name) => on(`show-${name}`, "change", draw));
-  on("in", "click", () => { view.zoom(1.3); draw(); });
-  on("out", "click", () => { view.zoom(1 / 1.3); draw(); });
+  LAYERS.forEach((name) => on(`show-${name}`, "change", () => draw()));
+  on("in", "click", () => { view.zoom(1.3); turn(); });
+  on("out", "click", () => { view.zoom(1 / 1.3); turn(); });
   on("fit", "click", fit);
   on("tilt", "click", tilt);
   document.addEventListener("keydown", onKey);

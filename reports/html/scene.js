@@ -231,7 +231,7 @@ function listen(scene) {
       view.turn += dx * .006;
       view.tilt = Math.min(1.4, Math.max(.15, view.tilt - dy * .005));
     } else view.move(dx, dy);
-    return scene.on.hover(undefined, event);
+    return scene.on.turn();
   });
   canvas.addEventListener("pointerleave", (event) => scene.on.hover(undefined, event));
   canvas.addEventListener("click", (event) => {
@@ -242,7 +242,7 @@ function listen(scene) {
     event.preventDefault();
     const box = canvas.getBoundingClientRect();
     view.zoom(Math.exp(-event.deltaY * .0014), event.clientX - box.left, event.clientY - box.top);
-    scene.on.hover(undefined, event);
+    scene.on.turn();
   }, { passive: false });
 }
 
