@@ -13,6 +13,10 @@ def report(
         Path | None, Option("--out", "-o", help="The report (default: report.html in the first RUN).")
     ] = None,
     kind: Annotated[str, Option(help="Report plug-in to use.")] = "html",
+    budget_mb: Annotated[
+        float | None,
+        Option(metavar="MB", help="Size that the report may have, in MB: frames with errors first (default: 25)."),
+    ] = None,
     overlay: Annotated[
         Path | None,
         Option(
@@ -47,7 +51,7 @@ def report(
     if is_suite and (overlay is not None or out is not None or (tables is None and figures is None)):
         raise ConfigError(f"{runs[0]}: is a suite, which has its report; of it there are --tables and --figures")
     if not is_suite:
-        say(f"report: {write_report(runs, out, kind)}")
+        say(f"report: {write_report(runs, out, kind, budget_mb)}")
     if overlay is not None:
         say(*(f"overlay: {path}" for path in reports.overlay(runs[0], overlay, log)))
     if tables is not None:

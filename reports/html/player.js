@@ -220,8 +220,9 @@ function play(on = !state.playing) {
   if (!on) return void showFrame(state.at);
   if (state.at >= footage().length - 1) showFrame(0);
   let [clock, last] = [footage().time(state.at), performance.now()];
-  const tick = async (now) => {
+  const tick = async () => {
     if (!state.playing) return;
+    const now = performance.now();
     clock += Math.min(.1, Math.max(0, now - last) / 1000) * Number($("speed").value);
     last = now;
     const end = state.clip ? Math.min(state.clip.to, footage().length - 1) : footage().length - 1;

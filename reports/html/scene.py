@@ -276,14 +276,15 @@ class _Shown:
     @property
     def labels(self) -> set[str]:
         """Classes that occur."""
-        tables = [self._table(name) for name in ("truth", "truth_2d", "detections", "tracks")]
+        names = ("truth", "truth_2d", "detections", "tracks") if self.run.frames else ()
+        tables = [self._table(name) for name in names]
         found = {str(label) for t in tables if t.boxes.label is not None for label in np.unique(t.boxes.label)}
         return found - {""}
 
     @property
     def sources(self) -> set[int]:
         """Combinations of sensors that occur."""
-        tables = (self.run.detections, self.run.tracks)
+        tables = (self.run.detections, self.run.tracks) if self.run.frames else ()
         return {int(bits) for t in tables if t.boxes.sources is not None for bits in np.unique(t.boxes.sources)}
 
     @property
@@ -375,6 +376,8 @@ class _Shown:
         self, name: str, pairs: list[tuple[int, int | None]], cameras: Any, *, with_outcomes: bool = True
     ) -> Iterator[tuple[int, list[Any]]]:
         """Yield the boxes of a table for each frame, by the row that shows them and the row that has them."""
+        if not pairs:
+            return
         table, outcomes = self._table(name), self.outcomes.get(name, {})
         frames = self.run.frames
         for segment, group in groupby(pairs, key=lambda pair: frames[pair[0]].segment):
