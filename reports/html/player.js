@@ -138,6 +138,7 @@ function offerBeside() {
 }
 
 function showBeside() {
+  $("viewer").classList.toggle("two", known(state.beside));
   $("second").hidden = !known(state.beside);
   $("who").hidden = !known(state.beside);
   $("who").textContent = run().label;

@@ -453,7 +453,7 @@ def _compact_boxes(boxes: Boxes, rows: list[dict[str, Any]]) -> Iterator[dict[st
         angles = [np.zeros(len(boxes)) if a is None else a for a in (boxes.yaw_rad, boxes.pitch_rad, boxes.roll_rad)]
         solid = np.column_stack([boxes.center_m, boxes.size_lwh_m, *angles]).tolist()
     for at, row in enumerate(rows):
-        box = {name: round_floats(row[name]) for name in _PLAIN if row.get(name) or name in _NUMBERS and name in row}
+        box = {name: round_floats(row[name]) for name in _PLAIN if row.get(name) or (name in _NUMBERS and name in row)}
         box = {name: value for name, value in box.items() if value is not None}
         if "corners" in row:
             box["box"] = [*(round(v, 2) for v in solid[at][:6]), *(round(v, 3) for v in solid[at][6:])]

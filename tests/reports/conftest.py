@@ -220,9 +220,10 @@ class Page(HTMLParser):
         """The frames of a run as the scripts put them together."""
         data = self.data
         one, found = data["runs"][run], list[Any]()
-        media = {row: kept for row, kept in one["media"]}
+        media = dict(one["media"])
         for row, at in zip(one["frames"], range(len(one["frames"])), strict=True):
-            truth, results = (json.loads(self.inflate(n))[at % data["chunk"]] for n in one["chunks"][at // data["chunk"]])
+            both = one["chunks"][at // data["chunk"]]
+            truth, results = (json.loads(self.inflate(number))[at % data["chunk"]] for number in both)
             found.append({**results, "index": row, "truth": truth, **media.get(row, {"pictures": {}, "clouds": []})})
         return found
 
