@@ -112,7 +112,7 @@ class _Writer:
         colors = [self._color(side, first + at) for at in range(len(rows))]
         if isinstance(boxes, Boxes3D):
             drawn = np.flatnonzero(finite(boxes)[0])
-            lines = corners(boxes[drawn])[:, _EDGES].reshape(-1, 2, 3) if len(drawn) else []
+            lines = np.zeros((0, 2, 3)) if not len(drawn) else corners(boxes[drawn])[:, _EDGES].reshape(-1, 2, 3)
             every = [colors[at] for at in drawn for _ in _EDGES]
             self.log(["world", "body", side.name], rerun.LineStrips3D(lines, colors=every))
             centers = boxes.center_m[drawn]
