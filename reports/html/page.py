@@ -1,7 +1,7 @@
 """The page, put together from templates, style, scripts and data, and written.
 
-Charts are drawn by a few hundred lines of plain JavaScript instead of plotly: its bundle alone weighs 4.5 MB a
-report, and the frame viewer (points, boxes and image linked to each other) would have to be written by hand anyway.
+Curves are drawn by uPlot (51 kB, in `vendor`), all else by plain JavaScript: plotly's bundle alone weighs 4.5 MB, and
+the frame viewer (points, boxes and image linked to each other) would have to be written by hand anyway.
 """
 
 from collections.abc import Sequence
@@ -13,43 +13,55 @@ from fbench.replay.contracts.errors import ConfigError, output_error
 from fbench.replay.data.files import Draft
 from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
-from fbench.reports.html import overview
-from fbench.reports.html.records import environment, island, resource
+from fbench.reports.html import latency, overview
+from fbench.reports.html.details import details_of
+from fbench.reports.html.records import PACKAGE, environment, island, read_script, read_style
+from fbench.reports.html.results import result_view
 from fbench.reports.html.scene import frames_to_show, scenes
-from fbench.reports.html.scoreboard import result_view, scoreboard
+from fbench.reports.html.scoreboard import OF_SLICES, PRIMARY, scoreboard
 
-_PACKAGE = "fbench.reports.html"
-_SCRIPTS = ("base.js", "view.js", "scene.js", "camera.js", "objects.js", "timeline.js", "main.js")
+_SCRIPTS = (
+    "vendor/uplot.js", "base.js", "view.js", "scene.js", "camera.js", "objects.js", "timeline.js", "main.js",
+    "charts.js", "details.js",
+)  # fmt: skip
+_STYLES = ("vendor/uplot.css", "style.css", "summary.css")
 
 
 def page(runs: Sequence[Run], results: Results | None = None) -> str:
     """Return the whole page as text, the tables of an experiment first where there are any."""
     labels = overview.run_labels(runs)
     heads = [overview.overview(run, label) for run, label in zip(runs, labels, strict=True)]
-    latency = overview.latency_panels(runs, labels)
+    panels = latency.latency_panels(runs, labels)
     timing = []
-    for run, panel in zip(runs, latency, strict=True):
-        total, table = overview.frame_times(run), panel["table"]
+    for run, panel in zip(runs, panels, strict=True):
+        total, table = latency.frame_times(run), panel["table"]
         timed = [row for row, ms in enumerate(total) if ms is not None]
         num_warm = max(0, len(timed) - table.frames) if table else 0  # Frames that the table leaves out
         warm_up = timed[num_warm - 1] + 1 if num_warm else 0
         timing.append({"budget": table.budget_ms if table else None, "total": total, "warm_up": warm_up})
-    return environment(_PACKAGE).get_template("report.html").render(
+    board = scoreboard(runs, labels)
+    details = details_of(runs, board["settings"], board["class_"])
+    return environment(PACKAGE).get_template("report.html").render(
         title=overview.title(runs) if results is None else results.title,
         results=None if results is None else result_view(results),
         labels=labels,
         overviews=heads,
         notices=overview.notices(heads),
-        board=scoreboard(runs, labels),
-        latency=latency,
+        board=board,
+        metrics=[(metric, PRIMARY[metric]) for metric in OF_SLICES],
+        commands=overview.commands(runs),
+        latency=panels,
+        stacks=latency.latency_stacks(runs, labels),
+        has_details=any(own is not None for own in details["runs"]),
+        details=Markup(island(details)),  # noqa: S704 - escaped by `island`
         conditions=overview.conditions(runs, labels),
         critical=overview.critical_errors(runs, labels),
         faults=overview.fault_lines(runs, labels),
         groups=overview.what_ran(runs),
         velocity_periods=overview.velocity_periods(runs),
         num_kept=sum(len(frames_to_show(run)) for run in runs),
-        style=Markup(resource(_PACKAGE, "style.css")),  # noqa: S704 - part of the package, as are the scripts
-        script=Markup("\n".join(resource(_PACKAGE, name) for name in _SCRIPTS)),  # noqa: S704
+        style=read_style(*_STYLES),
+        script=read_script(*_SCRIPTS),
         data=Markup(island(scenes(runs, labels))),  # noqa: S704 - escaped by `island`
         timing=Markup(island(timing)),  # noqa: S704
     )  # fmt: skip

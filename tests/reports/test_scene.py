@@ -19,7 +19,8 @@ from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.engine.service_queue import LatencyModel
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.media import MediaFrame, Points
-from fbench.reports.html.overview import frame_times, overview
+from fbench.reports.html.latency import frame_times
+from fbench.reports.html.overview import overview
 from fbench.reports.html.records import brief, island, number, round_floats, visible
 from fbench.reports.html.scene import MAX_POINTS, box_rows, scenes
 
