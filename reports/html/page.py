@@ -24,11 +24,15 @@ _SCRIPTS = (
     "vendor/uplot.js", "base.js", "view.js", "scene.js", "camera.js", "objects.js", "timeline.js", "main.js",
     "charts.js", "details.js",
 )  # fmt: skip
+COMPARISON = "comparison.html"
+"""Name under which the report of a suite links to a comparison beside it."""
 _STYLES = ("vendor/uplot.css", "style.css", "summary.css")
 
 
-def page(runs: Sequence[Run], results: Results | None = None) -> str:
-    """Return the whole page as text, the tables of an experiment first where there are any."""
+def page(runs: Sequence[Run], results: Results | None = None, links: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the whole page as text, the tables of an experiment first where there are any. `links`: other pages, by
+    name and relative address.
+    """
     labels = overview.run_labels(runs)
     heads = [overview.overview(run, label) for run, label in zip(runs, labels, strict=True)]
     panels = latency.latency_panels(runs, labels)
@@ -44,6 +48,7 @@ def page(runs: Sequence[Run], results: Results | None = None) -> str:
     return environment(PACKAGE).get_template("report.html").render(
         title=overview.title(runs) if results is None else results.title,
         results=None if results is None else result_view(results),
+        links=links,
         labels=labels,
         overviews=heads,
         notices=overview.notices(heads),
@@ -80,14 +85,18 @@ class HtmlReport:
         """
         if not runs:
             raise ConfigError("report: no runs given; name at least one run folder")
-        _write_whole(out, page(runs).encode("utf-8"))
+        write_whole(out, page(runs).encode("utf-8"))
 
     def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
-        """Write the tables of an experiment, and below them the report of `runs`, some of its own; see `write`."""
-        _write_whole(out, page(runs, results).encode("utf-8"))
+        """Write the tables of an experiment, and below them the report of `runs`, some of its own; see `write`. Where a
+        comparison stands beside it, it links to that.
+        """
+        links = [("Comparison", COMPARISON)] if (out.parent / COMPARISON).is_file() else []
+        write_whole(out, page(runs, results, links).encode("utf-8"))
 
 
-def _write_whole(out: Path, content: bytes) -> None:
+def write_whole(out: Path, content: bytes) -> None:
+    """Write a file that appears only when whole. Raises ConfigError where it can't be written."""
     try:
         with Draft(out) as draft:
             draft.path.write_bytes(content)

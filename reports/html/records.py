@@ -183,5 +183,6 @@ def environment(package: str) -> jinja2.Environment:
         lstrip_blocks=True,
         finalize=show,
     )
+    made.filters["capitalize_first"] = lambda text: text[:1].upper() + text[1:]
     made.filters |= {"number": number, "brief": brief, "csp": lambda content: Markup(allow(content))}  # noqa: S704
     return made

@@ -24,12 +24,12 @@ PRIMARY = {
 """Rows that are shown large, in this order."""
 SPACES = {"bev": "3D", "iou": "Image"}
 """Beginnings of matchings, and what they compare in."""
-CLEAR = "clear"
+CLEAR, VEHICLE = "clear", "vehicle"
 _SUMMARY = ("f1", "precision", "recall", "mota", "idf1", "hota", "idsw")
 _SHORT = {"precision": "Prec.", "idsw": "IDSW"}
 _LOWER = ("idsw", "motp")  # Better when lower
 _CARD_COUNTS = ("tp", "fp", "fn", "gt", "idsw")
-_WHOLE = ("idsw", "frag", "mt", "pt", "ml")
+WHOLE = ("idsw", "frag", "mt", "pt", "ml")
 OF_SLICES = ("f1", "recall", "precision")
 
 
@@ -109,7 +109,7 @@ def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
 def _cell(score: Score | None) -> Cell:
     if score is None:
         return Cell()
-    whole = isinstance(score.value, int) or score.metric in _WHOLE
+    whole = isinstance(score.value, int) or score.metric in WHOLE
     ratio = score.unit == "1" and not whole
     share = min(max(float(score.value), 0.0), 1.0) if ratio and score.value is not None else None
     counts = {name: f"{name} {number(n, 0 if float(n).is_integer() else 3)}" for name, n in score.counts.items()}
