@@ -187,6 +187,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "compare": (
         "fbench compare runs/base runs/head",
         "fbench compare runs/base runs/head --tolerance 0.01",
+        "fbench compare runs/base runs/head --report runs/comparison.html",
         "fbench compare main-suite branch-suite --policy gate.toml --write junit=gate.xml",
         "fbench compare baseline.json runs/head --policy gate.toml",
     ),

@@ -104,7 +104,7 @@ def condition_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> Res
              tuple(pool([run for run in own if run.condition == name], "f1", space) for name in conditions))
         for own, space in _groups(runs)
     )  # fmt: skip
-    return ResultTable("f1_by_condition", "F1 by condition, %", tuple(map(Column, conditions)), lines)
+    return ResultTable("f1_by_condition", "F1 by condition, %", tuple(map(Column, conditions)), lines, is_map=True)
 
 
 def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) -> ResultTable:

@@ -24,6 +24,11 @@ from fbench.replay.runs.tables import BoxTable
 from fbench.reports.html.overview import current_rows, row_numbers, timeline
 from fbench.reports.html.records import round_floats
 
+PLAYER = (
+    "store.js", "view.js", "points.js", "scene.js", "camera.js", "objects.js", "timeline.js", "errors.js", "player.js",
+    "main.js",
+)  # fmt: skip
+"""Scripts of the player, in their order, after `base.js`."""
 BUDGET_MB = 25.0
 MAX_POINTS = (20_000, 6_000, 2_500)  # Of one cloud; fewer only where the budget leaves no room for more
 MAX_FRAMES = 4_000  # Of all runs together; a browser holds no more boxes at ease
