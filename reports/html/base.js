@@ -1,8 +1,8 @@
 // Small helpers. Text reaches the page through textContent only.
 const parse = (id) => JSON.parse(document.getElementById(id).textContent);
-const data = parse("data");
-const times = parse("times");
 const $ = (id) => document.getElementById(id);
+const data = parse("data");
+const times = $("times") ? parse("times") : []; // A comparison has none
 
 function element(tag, text = "", className = "") {
   const node = document.createElement(tag);

@@ -73,6 +73,11 @@ class CameraPanel {
     else outline.wire ? this.wire(outline.wire) : ctx.strokeRect(r[0], r[1], r[2] - r[0], r[3] - r[1]);
     ctx.setLineDash([]);
     ctx.globalAlpha = 1;
+    if (look.mark?.box === box) {
+      ctx.strokeStyle = "#ffe14d";
+      ctx.lineWidth = 3;
+      ctx.strokeRect(r[0] - 4, r[1] - 4, r[2] - r[0] + 8, r[3] - r[1] + 8);
+    }
     this.hits.push({ kind, box, r, rgb });
   }
 

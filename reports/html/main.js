@@ -1,5 +1,5 @@
 // Start: strips of all frames, the player, and what follows the size of the window.
-const strips = data.runs.map((_, number) => new Strip(number, (index) => pickFrame(number, index)));
+const strips = !$("lines") ? [] : data.runs.map((_, number) => new Strip(number, (index) => pickFrame(number, index)));
 
 function resized() {
   strips.forEach((strip) => strip.draw());
@@ -8,7 +8,7 @@ function resized() {
   draw();
 }
 
-$("lines").replaceChildren(...strips.map((strip) => strip.node));
+$("lines")?.replaceChildren(...strips.map((strip) => strip.node));
 if ($("viewer")) setUp();
 resized();
 window.addEventListener("resize", resized);

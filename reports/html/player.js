@@ -20,10 +20,10 @@ function sides() {
   return shown;
 }
 
-function look(number) {
+function look(side) {
   const { object } = state;
   return {
-    layers: layers(), hover: state.hover, byOutcome: $("color").value === "outcome", mark: number < 2 ? clipMark() : null,
+    layers: layers(), hover: state.hover, byOutcome: $("color").value === "outcome", mark: clipMark(side),
     opacity: (kind, box) => !object || isObject(object, kind, box) ? 1 : .3,
   };
 }
@@ -201,7 +201,8 @@ function fit() {
   const [scene] = scenes;
   scene.resize();
   scene.view.turn = 0;
-  scene.view.fit(extent(footages.flatMap((one) => [...one.made.values()])));
+  const xy = state.clip?.mark.xy;
+  scene.view.fit(xy ? [Math.min(-6, xy[0] - 8), Math.max(24, xy[0] + 12), Math.max(12, Math.abs(xy[1]) + 8)] : extent(footages.flatMap((one) => [...one.made.values()])));
   drawSoon();
 }
 
@@ -276,35 +277,31 @@ function onKey(event) {
 }
 
 // A stretch of frames in which something changed, with a ring around it: see `Clip` in reports/html/scene.py.
-function showClip(clip) {
+function showClip(clip, first = false) {
   play(false);
+  for (const button of document.querySelectorAll("[data-clip]")) button.setAttribute("aria-pressed", String(data.clips[Number(button.dataset.clip)] === clip));
+  $("clip").textContent = clip.title;
   [state.run, state.beside] = [clip.runs[0], clip.runs[1] ?? null];
   showRun(clip.runs[0], clip.rows[0]);
   const { rows } = footage();
   const [from, to] = clip.rows.map((wanted) => rows.reduce((best, row, i) => Math.abs(row - wanted) < Math.abs(rows[best] - wanted) ? i : best, 0));
   state.clip = { ...clip, from, to };
+  showFrame(Math.min(to, from + (clip.lead ?? 0))).then(fit);
+  if (first) return; // nobody asked for motion
   $("viewer").scrollIntoView({ block: "start" });
-  showFrame(from);
   play(true);
 }
 
-function clipMark() {
-  if (!state.clip) return null;
+// What a clip is about, on one side: the box by its kind and id, or the nearest one to where it was at first.
+function clipMark(side) {
+  if (!state.clip || !sides()[side]) return null;
   const { kind, id, xy } = state.clip.mark;
-  for (const [number, at] of sides()) {
-    const box = known(id) && footages[number].get(at)?.[kind]?.find((one) => one.id === id && place(one));
-    if (box) return place(box);
-  }
-  return xy;
-}
-
-function clipRow(clip) {
-  const row = element("li");
-  const button = element("button", clip.title);
-  button.type = "button";
-  button.addEventListener("click", () => showClip(clip));
-  row.append(button);
-  return row;
+  const [number, at] = sides()[side];
+  const boxes = footages[number].get(at)?.[kind] ?? [];
+  const far = (box) => xy && place(box) ? Math.hypot(place(box)[0] - xy[0], place(box)[1] - xy[1]) : Infinity;
+  const near = (best, box) => far(box) < far(best ?? {}) ? box : best;
+  const box = known(id) ? boxes.find((one) => one.id === id) : boxes.filter((one) => far(one) < 5).reduce(near, undefined);
+  return { box, xy: box ? place(box) : null };
 }
 
 function setUp() {
@@ -318,7 +315,7 @@ function setUp() {
   $("run-pick").hidden = data.runs.length < 2;
   $("class").replaceChildren(new Option("all", ""), ...data.labels.map((label) => new Option(short(label, 40), label)));
   $("class").parentElement.hidden = data.labels.length < 2;
-  if ($("clips")) $("clips").replaceChildren(...data.clips.map(clipRow));
+  for (const button of document.querySelectorAll("[data-clip]")) button.addEventListener("click", () => showClip(data.clips[Number(button.dataset.clip)]));
   on("run", "change", (event) => showRun(Number(event.target.value)));
   on("beside", "change", (event) => { state.beside = event.target.value === "" ? null : Number(event.target.value); showBeside(); fit(); });
   on("frame", "input", (event) => step(Number(event.target.value)));
@@ -337,6 +334,7 @@ function setUp() {
   on("tilt", "click", tilt);
   document.addEventListener("keydown", onKey);
   $("sources").replaceChildren(element("span", "Sources"), ...sourceKeys());
+  if (data.clips.length) return void showClip(data.clips[0], true);
   const first = Math.max(0, data.runs.findIndex((one) => one.frames.length));
   // Begin where something went wrong, if anything did.
   const worst = footages[first].rows.map((row) => errorsAt(footages[first], row, "").reduce((a, b) => a + b));

@@ -37,7 +37,7 @@ class Scene {
     if (layers.truth) frame.truth.forEach((box) => this.box("truth", box));
     if (layers.detections) frame.detections.forEach((box) => this.box("detection", box));
     if (layers.tracks) frame.tracks.forEach((box) => this.box("track", box));
-    if (look.mark) this.mark(look.mark);
+    if (look.mark?.xy) this.mark(look.mark.xy);
     if (layers.labels) this.names(layers);
   }
 

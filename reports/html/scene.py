@@ -3,10 +3,11 @@
 import base64
 import json
 import zlib
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,6 +35,7 @@ MAX_POINTS = (20_000, 6_000, 2_500)  # Of one cloud; fewer only where the budget
 MAX_FRAMES = 4_000  # Of all runs together; a browser holds no more boxes at ease
 CHUNK = 16  # Frames that are compressed together
 _AROUND = 5  # Frames before and after an error that come with it
+_LONGEST = 60  # Frames of a clip
 _BOX_SHARE = 0.6  # Of the budget, which boxes may take; pictures and points have the rest
 _NUMBERS = ("id", "score", "distance", "speed")
 _PLAIN = (*_NUMBERS, "label", "sources", "predicted", "ignore", "invalid", "velocity", "place")
@@ -159,6 +161,18 @@ class Store:
 
 
 @dataclass(frozen=True)
+class Clip:
+    """A stretch of frames in which something changed, shown in several runs in step, with a mark on what changed."""
+
+    title: str
+    runs: tuple[int, ...]  # Their places among the runs of the page
+    frames: tuple[int, int]  # Index of the first and the last frame
+    kind: Literal["truth", "detections", "tracks"]
+    track_id: int | None = None
+    xy_m: tuple[float, float] | None = None  # Where it is in the first of the frames, in body coordinates
+
+
+@dataclass(frozen=True)
 class Scenes:
     """What the player shows: `content` for the page's data, and the `store` that it refers to."""
 
@@ -181,9 +195,12 @@ class Scenes:
         return int(sum(run["without_media"] for run in self.content["runs"]))
 
 
-def scenes(runs: Sequence[Run], labels: Sequence[str], budget_bytes: float = BUDGET_MB * 1e6) -> Scenes:
+def scenes(
+    runs: Sequence[Run], labels: Sequence[str], budget_bytes: float = BUDGET_MB * 1e6, clips: Sequence[Clip] = ()
+) -> Scenes:
     """Return timelines and frames of all runs, as many as fit into a budget: first the frames with most errors, each
-    with a stretch around it, and then the others, evenly.
+    with a stretch around it, and then the others, evenly. With `clips`, only their frames, those of the first clips
+    first.
 
     Pictures are JPEG. Points are little-endian int16, raw deflate, all x, then y and z [cm] in body coordinates, then
     radial velocities [cm/s], -32768 where unknown. Boxes are JSON, raw deflate, `CHUNK` frames together.
@@ -194,8 +211,8 @@ def scenes(runs: Sequence[Run], labels: Sequence[str], budget_bytes: float = BUD
     boxes, share = Store(), 1.0
     most = max(50, MAX_FRAMES // max(1, len(runs)))
     truths: dict[object, Any] = {}
-    for one in shown:
-        one.choose(most)
+    for number, one in enumerate(shown):
+        one.choose(most, [clip.frames for clip in clips if number in clip.runs] if clips else None)
         one.describe(truths)
     while True:
         content = [one.write_boxes(boxes, int(np.ceil(share * one.num))) for one in shown]
@@ -210,10 +227,20 @@ def scenes(runs: Sequence[Run], labels: Sequence[str], budget_bytes: float = BUD
             break
     for one, entry in zip(shown, content, strict=True):
         entry |= {"log": logs.index(one.log), "start": (one.start_ns - starts[one.log]) / 1e9}
-    labels = sorted({label for one in shown for label in one.labels})
+    names = sorted({label for one in shown for label in one.labels})
     sources = sorted({bits for one in shown for bits in one.sources})
-    page = {"runs": content, "chunk": CHUNK, "labels": labels, "sources": sources, "clips": []}
+    page: dict[str, Any] = {"runs": content, "chunk": CHUNK, "labels": names, "sources": sources}
+    page["clips"] = [_describe_clip(clip, shown[clip.runs[0]]) for clip in clips]
     return Scenes(page, store)
+
+
+def _describe_clip(clip: Clip, first: "_Shown") -> dict[str, Any]:
+    """Describe a clip for the page: `rows` of its first run, and how many frames `lead` to what it is about."""
+    rows = first.rows_of(clip.frames)
+    lead = sum(first.run.frames[row].index < clip.frames[0] for row in rows)
+    mark = {"kind": clip.kind, "id": clip.track_id, "xy": clip.xy_m}
+    ends = [rows[0], rows[-1]] if rows else [0, 0]
+    return {"title": clip.title, "runs": clip.runs, "rows": ends, "lead": lead, "mark": mark}
 
 
 def _add_media(
@@ -325,9 +352,18 @@ class _Shown:
         spread = [int(f"{row:0{bits}b}"[::-1], 2) for row in range(len(errors))]
         return sorted(range(len(errors)), key=lambda row: (-near[row], spread[row], row))
 
-    def choose(self, most: int) -> None:
-        """Settle on `most` frames at most, in the order in which they are given up last."""
-        self.order = self.rank()[:most]
+    def choose(self, most: int, stretches: Sequence[tuple[int, int]] | None) -> None:
+        """Settle on `most` frames at most, in the order in which they are given up last: those around stretches from
+        one frame index to another, or `None`: any.
+        """
+        wanted = self.rank() if stretches is None else [row for ends in stretches for row in self.rows_of(ends)]
+        self.order = list(dict.fromkeys(wanted))[:most]
+
+    def rows_of(self, frames: tuple[int, int]) -> list[int]:
+        """Return the rows of a stretch of frames with some around it, not of all of a long one."""
+        index = [frame.index for frame in self.run.frames]
+        start, stop = bisect_left(index, frames[0]), bisect_right(index, frames[1])
+        return list(range(max(0, start - _AROUND), min(len(index), stop + _AROUND)))[:_LONGEST]
 
     def media_by_rank(self, shown: set[int]) -> list[tuple[int, MediaFrame, Rig]]:
         """Return the shown frames whose pictures and points are kept, with their rigs, the worst first."""
