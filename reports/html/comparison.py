@@ -41,7 +41,7 @@ def write_comparison(comparison: Comparison, pairs: Pairs, names: tuple[str, str
     shown = [row for row in rows if row.gate or row.verdict in ("REGRESSED", "improved", "changed", "gone")]
     shown.sort(key=lambda row: (_RANK.get(row.verdict, 9), not row.gate, not row.metric.startswith("critical_")))
     whole, slices = (
-        [row for row in shown if (row.gate or row.slice == "all") == is_whole] for is_whole in (True, False)
+        [row for row in shown if (bool(row.gate) or row.slice == "all") == is_whole] for is_whole in (True, False)
     )
     objects = sorted(comparison.objects, key=lambda o: o.kind not in _WORSE)  # What got worse first, else as it was
     stages = {d.cell: d.stage for d in comparison.divergences}

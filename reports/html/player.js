@@ -251,7 +251,9 @@ function ahead(at) {
 }
 
 async function jump(direction) {
+  const { wanted } = state;
   const at = await findError(footage(), state.at, direction, filter());
+  if (wanted !== state.wanted) return undefined; // meanwhile another frame was asked for
   if (known(at)) return step(at);
   $("where").textContent = `No ${direction > 0 ? "later" : "earlier"} frame has such an error`;
   return undefined;

@@ -99,7 +99,7 @@ def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
         "class_": first,
         "settings": settings,
         "summaries": [] if len(runs) == 1 else [_summary(columns, first, setting, runs) for setting in settings],
-        "parts": [_parts(lines, first, setting, runs) for setting in settings],
+        "parts": [_parts(lines, columns, first, setting, runs) for setting in settings],
         "map": _map(runs, columns, first, settings),
         "lines": lines,
         "unscored": [label for label, has in zip(labels, scored, strict=True) if not has],
@@ -168,13 +168,13 @@ def _summary(columns: Columns, class_: str, setting: Setting, runs: Sequence[Run
     return {"setting": setting.name, "groups": groups, "rows": rows, "notes": notes}
 
 
-def _parts(lines: Sequence[Line], class_: str, setting: Setting, runs: Sequence[Run]) -> dict[str, Any]:
+def _parts(
+    lines: Sequence[Line], columns: Columns, class_: str, setting: Setting, runs: Sequence[Run]
+) -> dict[str, Any]:
     """Return metrics by slice (distance, visibility, sensor, region) and by class, in each run's own space, a table a
     metric with a row a slice; what no run has is left out.
     """
-    native = [
-        next((s.matching for s in runs[row].scores if s.metric in PRIMARY), "") if lines else "" for row in setting.rows
-    ]
+    native = [next((key[3] for key in columns[row] if key[0] in PRIMARY), "") for row in setting.rows]
     tables = []
     for metric in OF_SLICES:
         found: dict[tuple[str, str], list[Cell]] = {}

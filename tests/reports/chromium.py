@@ -1,4 +1,4 @@
-"""A real Chromium that tests drive over its debugging pipe: pages, clicks, sizes, screenshots, and what they asked for."""
+"""A real Chromium that tests drive over its debugging pipe: pages, keys, sizes, screenshots, and what they ask for."""
 
 import base64
 import json
@@ -6,6 +6,7 @@ import os
 import select
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,13 @@ import pytest
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 _PATIENCE_S = 60.0
+_STARTER = """
+import fcntl, os, sys
+ends = [fcntl.fcntl(int(end), fcntl.F_DUPFD, 10) for end in sys.argv[1:3]]  # Away from 3 and 4
+for number, end in zip((3, 4), ends):  # Where the browser looks for its pipe
+    os.dup2(end, number)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
 
 
 @dataclass
@@ -138,10 +146,10 @@ def start(scratch: Path) -> Iterator[Chromium]:
         f"--user-data-dir={scratch / 'profile'}", "--remote-debugging-pipe",
     ]  # fmt: skip
     (read, into), (out, write) = os.pipe(), os.pipe()
-    shell = ["sh", "-c", f'exec "$@" 3<&{read} 4>&{write}', "sh", *command]  # The pipe must be 3 and 4
+    starter = [sys.executable, "-c", _STARTER, str(read), str(write), *command]
     environment = {**os.environ, "HOME": str(scratch)}
     with subprocess.Popen(
-        shell, pass_fds=(read, write), env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        starter, pass_fds=(read, write), env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as process:
         os.close(read)
         os.close(write)

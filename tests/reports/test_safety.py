@@ -1,11 +1,14 @@
 """Names from logs are untrusted: they are shown, and never act."""
 
+import base64
+import hashlib
 import re
 from collections.abc import Callable
 
 import pytest
 from tests.reports.conftest import LATENCY, Page, Plan, boxes2d, boxes3d, score
 
+from fbench.replay.data.details import Details, FrameErrors, ObjectTrack, ScoreCurve, Span
 from fbench.replay.runs.folder import Run
 
 MakeRun = Callable[[Plan], Run]
@@ -21,6 +24,11 @@ def hostile_plan(name: str = "run") -> Plan:
         name=name, log=HOSTILE, pipeline=HOSTILE, label=HOSTILE[:60], missing={HOSTILE: HOSTILE}, failed=HOSTILE,
         complete=False, faults={"DEC001": HOSTILE}, parameters={HOSTILE: {HOSTILE: HOSTILE}},
         latency={**LATENCY, "stages": [stage], "excluded": HOSTILE, "percentile_method": HOSTILE},
+        details=Details(
+            (ScoreCurve(HOSTILE, HOSTILE, (0.5,), (1.0,), (0.5,), (0.7,)),),
+            (ObjectTrack(HOSTILE, 1, HOSTILE, 2, 1, 0, 0, 3.0, (Span(0, 0, None), Span(1, 1, 7))),),
+            FrameErrors((0, 1), (0, 1), (0, 0), (1, 0)),
+        ),
         scores=[
             score("f1", None, HOSTILE, class_=HOSTILE, matching=HOSTILE, counts={HOSTILE: 1}),
             score(HOSTILE, 1.0, unit=HOSTILE),
@@ -36,11 +44,12 @@ def page(make_run: MakeRun, report: Write) -> Page:
 
 
 def test_hostile_names_make_no_elements(page: Page, make_run: MakeRun, report: Write) -> None:
-    plain = report(
-        make_run(Plan(name="plain", failed="no", missing={"a": "b"}, complete=False, faults={"DEC001": "x"}))
+    plan = Plan(
+        name="plain", failed="no", missing={"a": "b"}, complete=False, faults={"DEC001": "x"}, details=Details()
     )
+    plain = report(make_run(plan))
     assert "img" not in page.tags
-    assert page.tags.count("script") == plain.tags.count("script") == 4
+    assert page.tags.count("script") == plain.tags.count("script") == 5
     assert not [name for name, _ in page.attributes if name.startswith("on")]
 
 
@@ -67,10 +76,15 @@ def test_hostile_runs_side_by_side(make_run: MakeRun, report: Write, boxes: Call
     assert [run["label"] for run in page.data["runs"]] == ["a", "b"]
 
 
+def digest_of(content: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
+
+
 def test_page_allows_no_request(page: Page) -> None:
     policy = next(value for name, value in page.attributes if name == "content" and value and "default-src" in value)
+    script, style = (page.html.partition(f"<{tag}>")[2].partition(f"</{tag}>")[0] for tag in ("script", "style"))
     assert policy == (
-        "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; "
+        f"default-src 'none'; style-src {digest_of(style)}; script-src {digest_of(script)}; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
     targets = [value or "" for name, value in page.attributes if name in ("src", "href", "action", "srcset", "data")]
