@@ -169,7 +169,8 @@ async function showFrame(at) {
   $("where").textContent = (known(line.truth[i]) ? words : [...words, "no truth"]).join(" · ");
   $("frame").setAttribute("aria-valuetext", words.slice(0, 2).join(", "));
   drawErrors($("errors"), footage(), $("only").value, state.at);
-  if (!state.playing) strips.forEach((strip, number) => strip.draw(number === state.run ? i : null));
+  clearTimeout(state.strips); // All frames of all runs are much to draw
+  if (!state.playing) state.strips = setTimeout(() => strips.forEach((strip, number) => strip.draw(number === state.run ? i : null)), 120);
   const frame = await footage().load(state.at);
   if (wanted !== state.wanted) return undefined; // meanwhile another one was asked for
   showCameras(frame);
@@ -297,8 +298,9 @@ function showClip(clip, first = false) {
 // What a clip is about, on one side: the box by its kind and id, or the nearest one to where it was at first.
 function clipMark(side) {
   if (!state.clip || !sides()[side]) return null;
-  const { kind, id, xy } = state.clip.mark;
+  const { kind, id, xy, runs } = state.clip.mark;
   const [number, at] = sides()[side];
+  if (!runs.includes(number)) return null;
   const boxes = footages[number].get(at)?.[kind] ?? [];
   const far = (box) => xy && place(box) ? Math.hypot(place(box)[0] - xy[0], place(box)[1] - xy[1]) : Infinity;
   const near = (best, box) => far(box) < far(best ?? {}) ? box : best;

@@ -167,6 +167,7 @@ class Clip:
     title: str
     runs: tuple[int, ...]  # Their places among the runs of the page
     frames: tuple[int, int]  # Index of the first and the last frame
+    marked: tuple[int, ...]  # Those among the runs in which it can be marked
     kind: Literal["truth", "detections", "tracks"]
     track_id: int | None = None
     xy_m: tuple[float, float] | None = None  # Where it is in the first of the frames, in body coordinates
@@ -238,7 +239,7 @@ def _describe_clip(clip: Clip, first: "_Shown") -> dict[str, Any]:
     """Describe a clip for the page: `rows` of its first run, and how many frames `lead` to what it is about."""
     rows = first.rows_of(clip.frames)
     lead = sum(first.run.frames[row].index < clip.frames[0] for row in rows)
-    mark = {"kind": clip.kind, "id": clip.track_id, "xy": clip.xy_m}
+    mark = {"kind": clip.kind, "id": clip.track_id, "xy": clip.xy_m, "runs": clip.marked}
     ends = [rows[0], rows[-1]] if rows else [0, 0]
     return {"title": clip.title, "runs": clip.runs, "rows": ends, "lead": lead, "mark": mark}
 
