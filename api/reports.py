@@ -1,7 +1,10 @@
 """Pages of comparisons, and forms of a report besides its page: an overlay, tables, figures, what localhost serves."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from fbench.api.scores import open_folder
@@ -46,6 +49,25 @@ def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreO
         return write_overlay(opened, outcomes, out)
     frames = reader.coordinate_frames
     return write_overlay(opened, outcomes, out, reader.container, Names(frames.body, frames.world or OWN.world))
+
+
+def rerun_recording(run: Path | str, out: Path) -> Path:
+    """Write a run as a Rerun recording, `.rrd`, and return its path. Raises MissingPackageError without rerun-sdk;
+    ConfigError where there is no such run, or nothing can be written; RunError where the run is damaged.
+    """
+    from fbench.reports.rerun_recording import write_recording
+
+    return write_recording(open_folder(Path(run)), out)
+
+
+def show_in_rerun(run: Path | str) -> None:
+    """Show a run in the viewer of Rerun until that is closed; raises as `rerun_recording`."""
+    from fbench.reports.rerun_recording import import_rerun
+
+    import_rerun()
+    with TemporaryDirectory(prefix="fbench-") as folder:
+        path = rerun_recording(run, Path(folder) / "run.rrd")
+        subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)  # noqa: S603 - the installed package
 
 
 def tables(runs: Sequence[Path | str], folder: Path) -> list[Path]:

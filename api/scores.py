@@ -18,6 +18,7 @@ from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Score, ScoreOptions, save_scores
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.folder import Run
+from fbench.replay.runs.outcomes import save_outcomes
 from fbench.replay.setup.source import classes_of
 from fbench.replay.truth.relabel import relabel
 from fbench.replay.truth.times import make_max_between_ns
@@ -196,9 +197,9 @@ def open_folder(folder: Path) -> Run:
 def score_folder(
     folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None, budget_ms: float | None = None
 ) -> Run:
-    """Write `scores.json`, `criticality.json`, `details.json` and `latency.json` into a run folder and return the run.
-    Where the pipeline needed time, the same replay in lockstep, which is kept inside, is scored first, and streaming
-    scores are written, too.
+    """Write `scores.json`, `criticality.json`, `details.json`, `outcomes.parquet` and `latency.json` into a run folder
+    and return the run. Where the pipeline needed time, the same replay in lockstep, which is kept inside, is scored
+    first, and streaming scores are written, too.
 
     Args:
         folder: Of the run.
@@ -210,6 +211,7 @@ def score_folder(
     from fbench.metrics.latency import BUDGET_MS, summarize
     from fbench.metrics.runs.combine import score_run
     from fbench.metrics.runs.details import find_details
+    from fbench.metrics.runs.outcomes import outcomes_of
     from fbench.metrics.runs.places import SharedRun
 
     run = SharedRun(folder)
@@ -228,6 +230,7 @@ def score_folder(
     save_scores(folder / "scores.json", scores)
     save_critical_errors(folder, find_critical_errors(run, options))
     save_details(folder, find_details(run, options))
+    save_outcomes(folder, outcomes_of(run, options))
     replace_text(folder / LATENCY, latency)
     return Run(folder)
 

@@ -13,6 +13,10 @@ def report(
         Path | None, Option("--out", "-o", help="The report (default: report.html in the first RUN).")
     ] = None,
     kind: Annotated[str, Option(help="Report plug-in to use.")] = "html",
+    budget_mb: Annotated[
+        float | None,
+        Option(metavar="MB", help="Size that the report may have, in MB: frames with errors first (default: 25)."),
+    ] = None,
     overlay: Annotated[
         Path | None,
         Option(
@@ -21,6 +25,9 @@ def report(
     ] = None,
     log: Annotated[
         Path | None, Option(metavar="LOG", help="Copy the messages of the log that was replayed into the overlay.")
+    ] = None,
+    rerun: Annotated[
+        Path | None, Option(metavar="FILE.rrd", help="Also write one RUN as a recording for the Rerun viewer.")
     ] = None,
     tables: Annotated[
         Path | None, Option(metavar="FOLDER", help="Also write every table as CSV, Parquet and Markdown.")
@@ -41,15 +48,20 @@ def report(
 
     if overlay is not None and len(runs) > 1:
         raise ConfigError(f"--overlay shows the results of one RUN, not of {len(runs)}")
+    if rerun is not None and len(runs) > 1:
+        raise ConfigError(f"--rerun shows one RUN, not {len(runs)}")
     if log is not None and overlay is None:
         raise ConfigError("--log goes with --overlay FILE.mcap, into which its messages are copied")
     is_suite = reports.is_suite(runs)
-    if is_suite and (overlay is not None or out is not None or (tables is None and figures is None)):
+    of_run = any(path is not None for path in (overlay, rerun, out))
+    if is_suite and (of_run or (tables is None and figures is None)):
         raise ConfigError(f"{runs[0]}: is a suite, which has its report; of it there are --tables and --figures")
     if not is_suite:
-        say(f"report: {write_report(runs, out, kind)}")
+        say(f"report: {write_report(runs, out, kind, budget_mb)}")
     if overlay is not None:
         say(*(f"overlay: {path}" for path in reports.overlay(runs[0], overlay, log)))
+    if rerun is not None:
+        say(f"rerun: {reports.rerun_recording(runs[0], rerun)}")
     if tables is not None:
         say(f"tables: {tables} ({len(reports.tables(runs, tables))} files)")
     if figures is not None:

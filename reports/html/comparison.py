@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -13,7 +13,8 @@ from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.comparison import Comparison, ObjectChange, Row
 from fbench.replay.runs.folder import Run
 from fbench.reports.html.page import write_whole
-from fbench.reports.html.records import DASH, PACKAGE, environment, number, read_style
+from fbench.reports.html.records import DASH, PACKAGE, environment, island, number, read_script, read_style
+from fbench.reports.html.scene import BUDGET_MB, PLAYER, Clip, scenes
 from fbench.reports.html.scoreboard import PRIMARY, SPACES, VEHICLE, WHOLE
 
 Pairs: TypeAlias = Mapping[str, tuple[Run | None, Run | None]]
@@ -44,6 +45,10 @@ def write_comparison(comparison: Comparison, pairs: Pairs, names: tuple[str, str
     )
     objects = sorted(comparison.objects, key=lambda o: o.kind not in _WORSE)  # What got worse first, else as it was
     stages = {d.cell: d.stage for d in comparison.divergences}
+    clips, runs, of = _clips(objects[:_MOST_OBJECTS], pairs, names)
+    scene = scenes([run for _, run in runs], [label for label, _ in runs], BUDGET_MB * 1e6, clips)
+    shown_rows = [set(run["frames"]) for run in scene.content["runs"]]
+    there = {n for n, clip in enumerate(scene.content["clips"]) if clip["rows"][0] in shown_rows[clip["runs"][0]]}
     text = environment(PACKAGE).get_template("comparison.html").render(
         c=comparison,
         names=names,
@@ -54,7 +59,16 @@ def write_comparison(comparison: Comparison, pairs: Pairs, names: tuple[str, str
         num_more=max(0, len(whole) - _MOST_CHANGES) + max(0, len(slices) - _MOST_CHANGES),
         num_same=len(rows) - len(shown),
         maps=_maps(rows),
-        objects=[_object(change, stages, clip(change, pairs)) for change in objects[:_MOST_OBJECTS]],
+        objects=[
+            _object(change, stages, number if number in there else None)
+            for change, number in zip(objects[:_MOST_OBJECTS], of, strict=True)
+        ],
+        scene=scene,
+        budget_mb=BUDGET_MB,
+        velocity_periods=[],
+        script=read_script("base.js", *PLAYER),
+        data=Markup(island(scene.content)),  # noqa: S704 - escaped by `island`
+        store=Markup(scene.store.text),  # noqa: S704 - base64
         num_worse=sum(change.kind in _WORSE for change in objects),
         places=comparison.places,
         links=[(name, _relative(path, out)) for name, path in (("base", links.base), ("head", links.head)) if path],
@@ -63,9 +77,29 @@ def write_comparison(comparison: Comparison, pairs: Pairs, names: tuple[str, str
     write_whole(out, text.encode("utf-8"))
 
 
-def clip(change: ObjectChange, pairs: Pairs) -> Markup:
-    """Return what shows a changed object; empty where nothing does."""
-    return Markup("")
+def _clips(
+    objects: Sequence[ObjectChange], pairs: Pairs, names: tuple[str, str]
+) -> tuple[list[Clip], list[tuple[str, Run]], list[int | None]]:
+    """Return a clip for each changed object whose runs are there, the runs that clips show with their labels, and the
+    number of the clip of each object.
+    """
+    clips, runs, of = list[Clip](), dict[tuple[str, str], Run](), list[int | None]()
+    for change in objects:
+        sides = zip(names if names[0] != names[1] else ("base", "head"), pairs.get(change.cell, ()), strict=False)
+        own = [(name, run) for name, run in sides if run is not None]
+        of.append(len(clips) if own else None)
+        if not own:
+            continue
+        for name, run in own:
+            runs.setdefault((name, change.cell), run)
+        kind: Literal["truth", "detections"] = "detections" if change.kind == "NEW FALSE ALARM" else "truth"
+        places = list(runs)
+        clips.append(Clip(
+            f"{change}", tuple(places.index((name, change.cell)) for name, _ in own), change.frames, kind,
+            None if kind == "detections" else change.track_id, change.xy_m,
+        ))  # fmt: skip
+    several = len({cell for _, cell in runs}) > 1
+    return clips, [(f"{name}: {cell}" if several else name, run) for (name, cell), run in runs.items()], of
 
 
 def _relative(path: Path, out: Path) -> str:
@@ -120,12 +154,12 @@ def _cell(row: Row | None) -> tuple[str, str, str]:
     return text, kind, f"{row.values}, {row.verdict}"
 
 
-def _object(change: ObjectChange, stages: Mapping[str, str], shown: Markup) -> dict[str, Any]:
+def _object(change: ObjectChange, stages: Mapping[str, str], clip: int | None) -> dict[str, Any]:
     name = f"{change.label or 'object'}{'' if change.track_id is None else f' #{change.track_id}'}"
     when = f"{change.from_s:.1f} to {change.to_s:.1f} s" if change.to_s > change.from_s else f"{change.from_s:.1f} s"
     first, last = change.frames
     return {
-        "change": change, "name": name, "when": when, "clip": shown, "is_worse": change.kind in _WORSE,
+        "change": change, "name": name, "when": when, "clip": clip, "is_worse": change.kind in _WORSE,
         "frames": f"frame {first}" if first == last else f"frames {first} to {last}",
         "stage": stages.get(change.cell, ""),
     }  # fmt: skip

@@ -17,21 +17,25 @@ from fbench.reports.html import latency, overview
 from fbench.reports.html.details import details_of
 from fbench.reports.html.records import PACKAGE, environment, island, read_script, read_style
 from fbench.reports.html.results import result_view
-from fbench.reports.html.scene import frames_to_show, scenes
+from fbench.reports.html.scene import BUDGET_MB, PLAYER, scenes
 from fbench.reports.html.scoreboard import OF_SLICES, PRIMARY, scoreboard
 
-_SCRIPTS = (
-    "vendor/uplot.js", "base.js", "view.js", "scene.js", "camera.js", "objects.js", "timeline.js", "main.js",
-    "charts.js", "details.js",
-)  # fmt: skip
+_SCRIPTS = ("vendor/uplot.js", "base.js", *PLAYER, "charts.js", "details.js")
+_PAGE_BYTES = 500_000  # About what scripts, style and tables take
 COMPARISON = "comparison.html"
 """Name under which the report of a suite links to a comparison beside it."""
 _STYLES = ("vendor/uplot.css", "style.css", "summary.css")
 
 
-def page(runs: Sequence[Run], results: Results | None = None, links: Sequence[tuple[str, str]] = ()) -> str:
+def page(
+    runs: Sequence[Run],
+    results: Results | None = None,
+    links: Sequence[tuple[str, str]] = (),
+    budget_mb: float = BUDGET_MB,
+) -> str:
     """Return the whole page as text, the tables of an experiment first where there are any. `links`: other pages, by
-    name and relative address.
+    name and relative address. The page has about `budget_mb` MB at most, unless its tables alone have more: so many
+    frames are left out.
     """
     labels = overview.run_labels(runs)
     heads = [overview.overview(run, label) for run, label in zip(runs, labels, strict=True)]
@@ -43,6 +47,8 @@ def page(runs: Sequence[Run], results: Results | None = None, links: Sequence[tu
         num_warm = max(0, len(timed) - table.frames) if table else 0  # Frames that the table leaves out
         warm_up = timed[num_warm - 1] + 1 if num_warm else 0
         timing.append({"budget": table.budget_ms if table else None, "total": total, "warm_up": warm_up})
+    rest = len(island(timing)) + _PAGE_BYTES + sum(len(island(overview.timeline(run))) for run in runs)
+    scene = scenes(runs, labels, max(0.0, budget_mb * 1e6 - rest))
     board = scoreboard(runs, labels)
     details = details_of(runs, board["settings"], board["class_"])
     return environment(PACKAGE).get_template("report.html").render(
@@ -64,10 +70,12 @@ def page(runs: Sequence[Run], results: Results | None = None, links: Sequence[tu
         faults=overview.fault_lines(runs, labels),
         groups=overview.what_ran(runs),
         velocity_periods=overview.velocity_periods(runs),
-        num_kept=sum(len(frames_to_show(run)) for run in runs),
+        scene=scene,
+        budget_mb=budget_mb,
         style=read_style(*_STYLES),
         script=read_script(*_SCRIPTS),
-        data=Markup(island(scenes(runs, labels))),  # noqa: S704 - escaped by `island`
+        data=Markup(island(scene.content)),  # noqa: S704 - escaped by `island`
+        store=Markup(scene.store.text),  # noqa: S704 - base64
         timing=Markup(island(timing)),  # noqa: S704
     )  # fmt: skip
 
@@ -76,8 +84,11 @@ class HtmlReport:
     """One self-contained HTML file about one run, or about several side by side.
 
     It loads nothing, works offline, and is equal byte by byte for equal run folders; all that was measured on the
-    host's clock stands inside the one section `timing`.
+    host's clock stands inside the one section `timing`. `budget_mb` is about its size at most [MB].
     """
+
+    def __init__(self, budget_mb: float = BUDGET_MB) -> None:
+        self._budget_mb = budget_mb
 
     def write(self, runs: Sequence[Run], out: Path) -> None:
         """Write the report of `runs` to `out`, which appears only when whole. Raises ConfigError without runs, or where
@@ -85,14 +96,14 @@ class HtmlReport:
         """
         if not runs:
             raise ConfigError("report: no runs given; name at least one run folder")
-        write_whole(out, page(runs).encode("utf-8"))
+        write_whole(out, page(runs, budget_mb=self._budget_mb).encode("utf-8"))
 
     def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
         """Write the tables of an experiment, and below them the report of `runs`, some of its own; see `write`. Where a
         comparison stands beside it, it links to that.
         """
         links = [("Comparison", COMPARISON)] if (out.parent / COMPARISON).is_file() else []
-        write_whole(out, page(runs, results, links).encode("utf-8"))
+        write_whole(out, page(runs, results, links, self._budget_mb).encode("utf-8"))
 
 
 def write_whole(out: Path, content: bytes) -> None:

@@ -1,6 +1,8 @@
 """Small runs for reports."""
 
+import base64
 import json
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
@@ -219,6 +221,25 @@ class Page(HTMLParser):
     def data(self) -> Any:
         """What the scripts read."""
         return json.loads(self.islands["data"])
+
+    def content(self, number: int) -> bytes:
+        """A content that the scripts decode when they show it."""
+        return base64.b64decode(self.islands["store"].split("\n")[number])
+
+    def inflate(self, number: int) -> bytes:
+        """Points or boxes, which are compressed."""
+        return zlib.decompress(self.content(number), -15)
+
+    def frames(self, run: int = 0) -> list[Any]:
+        """The frames of a run as the scripts put them together."""
+        data = self.data
+        one, found = data["runs"][run], list[Any]()
+        media = dict(one["media"])
+        for row, at in zip(one["frames"], range(len(one["frames"])), strict=True):
+            both = one["chunks"][at // data["chunk"]]
+            truth, results = (json.loads(self.inflate(number))[at % data["chunk"]] for number in both)
+            found.append({**results, "index": row, "truth": truth, **media.get(row, {"pictures": {}, "clouds": []})})
+        return found
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from tests.reports.test_safety import hostile_plan
 
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.runs.folder import Run
+from fbench.replay.runs.outcomes import save_outcomes
 from fbench.reports.html import HtmlReport
 
 MakeRun = Callable[[Plan], Run]
@@ -19,11 +20,17 @@ PRESS_EVERYTHING = """
 (async () => {
   const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
   const point = (node, clientX, clientY) => node.dispatchEvent(new PointerEvent("pointermove", { clientX, clientY }));
+  const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+  const choose = (id, value) => {
+    const select = document.getElementById(id);
+    select.value = value;
+    select.dispatchEvent(new Event("change"));
+  };
   for (const fold of document.querySelectorAll("details")) fold.open = true;
   for (const box of document.querySelectorAll("input[type=checkbox]")) { box.click(); box.click(); }
   for (const button of document.querySelectorAll("button")) button.click();
   for (const select of document.querySelectorAll("select")) {
-    for (const option of select.options) { select.value = option.value; select.dispatchEvent(new Event("change")); }
+    for (const option of [...select.options, select.options[0]]) choose(select.id, option?.value);
   }
   for (const canvas of document.querySelectorAll("canvas")) {
     const box = canvas.getBoundingClientRect();
@@ -31,12 +38,47 @@ PRESS_EVERYTHING = """
       for (let y = 0; y < box.height; y += 25) point(canvas, box.left + x, box.top + y);
     canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -120, cancelable: true }));
   }
-  const select = document.getElementById("run");
-  select.value = String(select.options.length - 1);
-  select.dispatchEvent(new Event("change"));
-  press("ArrowLeft");
-  press("ArrowLeft");
-  press("ArrowRight");
+  choose("run", String(document.getElementById("run").options.length - 1));
+  choose("beside", "0");
+  await pause(200);
+  for (const key of ["Escape", "ArrowLeft", "ArrowLeft", "ArrowLeft", "ArrowRight", "ArrowRight"]) press(key);
+  await pause(200);
+})()
+"""
+PLAY = """
+(async () => {
+  const $ = (id) => document.getElementById(id);
+  const said = [];
+  const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+  const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+  const choose = (id, value) => { $(id).value = value; $(id).dispatchEvent(new Event("change")); };
+  const say = async (what) => { await pause(200); said.push([what, $("where").textContent.split(" · ")[0]]); };
+  const seen = (id) => {
+    const { width, height } = $(id);
+    return $(id).getContext("2d").getImageData(0, 0, width, height).data.reduce((sum, value) => sum + value, 0);
+  };
+  const rows = () => [...$("objects").rows].map((row) => [0, 1].map((i) => row.cells[i].innerText.trim()).join(": "));
+  await say("begin");
+  press("p"); await say("error before");
+  press("p"); await say("none before");
+  press("n"); await say("error after");
+  said.push(["rows", rows().join(", ")]);
+  choose("only", "missed"); await say("filter");
+  said.push(["missed rows", rows().join(", ")]);
+  press("p"); await say("no missed before");
+  choose("only", ""); choose("color", "source");
+  const flat = seen("scene");
+  press("o"); await say("orbit");
+  said.push(["orbit", seen("scene") !== flat]);
+  choose("beside", "1"); await say("beside");
+  said.push(["two", $("who").textContent, $("who-2").textContent, seen("scene-2") > 0, seen("camera-2") > 0]);
+  document.querySelector("#objects button").click(); await say("follow");
+  said.push(["object", $("object").textContent]);
+  press("Escape");
+  choose("run", "1"); await say("switch");
+  for (const _ of [1, 2, 3]) press("ArrowLeft");
+  choose("speed", "4"); press(" "); await pause(2000); await say("played");
+  return said;
 })()
 """
 
@@ -75,6 +117,27 @@ def test_controls_work_with_hostile_names(chromium: Chromium, make_run: MakeRun,
     assert "track #3 · car" in text(tab, "objects")
     assert not has_images(tab)
     assert (tab.console, tab.asked) == ([], [])
+
+
+def test_player(chromium: Chromium, make_run: MakeRun, tmp_path: Path) -> None:
+    """Frame 1 has a false alarm and frame 3 a miss; it begins with the first of the frames with most errors."""
+    runs = [make_run(Plan()), make_run(Plan(name="second", pipeline="radar3d"))]
+    save_outcomes(runs[0].folder, {
+        "truth": {(0, ""): "hit", (3, ""): "missed"}, "detections": {(0, ""): "hit", (1, ""): "false alarm"},
+    })  # fmt: skip
+    tab = browse(chromium, runs, tmp_path / "report.html")
+    said = {what: rest for what, *rest in tab.run(PLAY)}
+    assert (tab.console, tab.asked) == ([], [])
+    assert said["begin"] == ["Frame 1 of 4"]
+    assert said["error before"] == said["none before"] == ["No earlier frame has such an error"]
+    assert said["error after"] == ["Frame 3 of 4"]
+    assert said["rows"] == ["track #7 · car: –, detection #7 · car: –, truth #7 · car: missed"]
+    assert said["missed rows"] == ["truth #7 · car: missed"]
+    assert said["no missed before"] == ["No earlier frame has such an error"]
+    assert said["orbit"] == [True]
+    assert said["two"] == ["late3d", "radar3d", True, True]
+    assert said["object"] == ["track #7 ×"]
+    assert said["played"] == ["Frame 3 of 4"]
 
 
 def test_damaged_boxes_are_listed_and_not_drawn(chromium: Chromium, make_run: MakeRun, tmp_path: Path) -> None:

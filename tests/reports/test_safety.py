@@ -62,7 +62,7 @@ def test_hostile_names_reach_the_scripts_as_data(page: Page) -> None:
     assert run["label"] == SHOWN
     assert run["timeline"]["missing"] == [[1, SHOWN, SHOWN]]
     assert run["timeline"]["failed"] == [[2, SHOWN]]
-    assert run["frames"][0]["tracks"][0]["label"].startswith("</script><img src=x onerror=alert(1)>'\"&{{ 7*7 }}")
+    assert page.frames()[0]["tracks"][0]["label"].startswith("</script><img src=x onerror=alert(1)>'\"&{{ 7*7 }}")
 
 
 def test_no_invisible_characters_are_in_the_file(page: Page) -> None:

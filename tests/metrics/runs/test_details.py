@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.metrics.conftest import Case, MakeRun, boxes3d
 
-from fbench.metrics.runs.detection import detection_entries
 from fbench.metrics.runs.details import MOST_POINTS, find_details
+from fbench.metrics.runs.detection import detection_entries
 from fbench.metrics.runs.tracking import tracking_entries
 from fbench.replay.contracts.errors import RunError
 from fbench.replay.data.boxes import Boxes3D
