@@ -142,7 +142,11 @@ def compare(
 
 
 def report(
-    runs: Sequence[Path | str], out: Path | None = None, kind: str = "html", budget_mb: float | None = None
+    runs: Sequence[Path | str],
+    out: Path | None = None,
+    kind: str = "html",
+    budget_mb: float | None = None,
+    base: Path | str | None = None,
 ) -> Path:
     """Write one self-contained report of one or several runs and return its path.
 
@@ -151,21 +155,26 @@ def report(
         out: The file; `None`: `report.html` in the first run.
         kind: Name of the report plug-in.
         budget_mb: Size that the HTML report may have [MB], frames with errors first; `None`: 25.
+        base: Run or baseline file that the only run is compared with; the HTML report begins with the verdict.
 
     Raises:
-        ConfigError: where a folder isn't there, there is no such plug-in, or the budget isn't a positive number or
-            is given for another kind.
+        ConfigError: where a folder isn't there, there is no such plug-in, the budget isn't a positive number, or what
+            is given is for another kind or number of runs.
+        MetricError: where the run can't be compared with the base.
     """
+    if base is not None and (kind != "html" or len(runs) != 1):
+        raise ConfigError("--base is for the report of kind html of one RUN, which it is compared with")
     if budget_mb is not None and kind != "html":
         raise ConfigError(f"--budget-mb is for reports of kind html, not {kind}")
     if budget_mb is not None and not 0 < budget_mb < math.inf:
         raise ConfigError(f"--budget-mb: expected a positive number of MB, got {budget_mb:g}")
     opened = [open_folder(Path(folder)) for folder in runs]
     path = out or opened[0].folder / "report.html"
-    if budget_mb is None:
+    if budget_mb is None and base is None:
         load("reports", kind)().write(opened, path)
-    else:
-        from fbench.reports.html.page import HtmlReport
+        return path
+    from fbench.reports.html.page import BUDGET_MB, HtmlReport, Verdict
 
-        HtmlReport(budget_mb).write(opened, path)
+    verdict = None if base is None else Verdict(Path(base).name, compare(base, runs[0]).comparison)
+    HtmlReport(BUDGET_MB if budget_mb is None else budget_mb, verdict).write(opened, path)
     return path

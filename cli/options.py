@@ -180,6 +180,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "report": (
         "fbench report runs/log-lidar3d",
         "fbench report runs/log-lidar3d runs/log-late3d -o both.html",
+        "fbench report runs/log-late3d --base baseline.json",
         "fbench report runs/log-late3d --overlay overlay.mcap --log log.mcap",
         "fbench report runs/log-late3d --tables tables --figures figures",
     ),

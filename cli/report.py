@@ -17,6 +17,10 @@ def report(
         float | None,
         Option(metavar="MB", help="Size that the report may have, in MB: frames with errors first (default: 25)."),
     ] = None,
+    base: Annotated[
+        Path | None,
+        Option(metavar="BASE", help="Run or baseline file to compare one RUN with: the verdict comes first."),
+    ] = None,
     overlay: Annotated[
         Path | None,
         Option(
@@ -53,11 +57,11 @@ def report(
     if log is not None and overlay is None:
         raise ConfigError("--log goes with --overlay FILE.mcap, into which its messages are copied")
     is_suite = reports.is_suite(runs)
-    of_run = any(path is not None for path in (overlay, rerun, out))
+    of_run = any(path is not None for path in (overlay, rerun, out, base))
     if is_suite and (of_run or (tables is None and figures is None)):
         raise ConfigError(f"{runs[0]}: is a suite, which has its report; of it there are --tables and --figures")
     if not is_suite:
-        say(f"report: {write_report(runs, out, kind, budget_mb)}")
+        say(f"report: {write_report(runs, out, kind, budget_mb, base)}")
     if overlay is not None:
         say(*(f"overlay: {path}" for path in reports.overlay(runs[0], overlay, log)))
     if rerun is not None:

@@ -5,11 +5,13 @@ the frame viewer (points, boxes and image linked to each other) would have to be
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from markupsafe import Markup
 
 from fbench.replay.contracts.errors import ConfigError, output_error
+from fbench.replay.data.comparison import Comparison
 from fbench.replay.data.files import Draft
 from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
@@ -27,15 +29,29 @@ COMPARISON = "comparison.html"
 _STYLES = ("vendor/uplot.css", "style.css", "summary.css")
 
 
+@dataclass(frozen=True)
+class Verdict:
+    """A comparison of the run with a baseline."""
+
+    base: str  # Its name
+    comparison: Comparison
+
+    @property
+    def level(self) -> str:
+        """How it looks."""
+        return {"failed": "bad", "inconclusive": "warn"}.get(self.comparison.state, "info")
+
+
 def page(
     runs: Sequence[Run],
     results: Results | None = None,
     links: Sequence[tuple[str, str]] = (),
     budget_mb: float = BUDGET_MB,
+    verdict: Verdict | None = None,
 ) -> str:
     """Return the whole page as text, the tables of an experiment first where there are any. `links`: other pages, by
     name and relative address. The page has about `budget_mb` MB at most, unless its tables alone have more: so many
-    frames are left out.
+    frames are left out. `verdict`: what a comparison of the run says.
     """
     labels = overview.run_labels(runs)
     heads = [overview.overview(run, label) for run, label in zip(runs, labels, strict=True)]
@@ -55,6 +71,7 @@ def page(
         title=overview.title(runs) if results is None else results.title,
         results=None if results is None else result_view(results),
         links=links,
+        verdict=verdict,
         labels=labels,
         overviews=heads,
         notices=overview.notices(heads),
@@ -84,11 +101,12 @@ class HtmlReport:
     """One self-contained HTML file about one run, or about several side by side.
 
     It loads nothing, works offline, and is equal byte by byte for equal run folders; all that was measured on the
-    host's clock stands inside the one section `timing`. `budget_mb` is about its size at most [MB].
+    host's clock stands inside the one section `timing`. `budget_mb` is about its size at most [MB]; a `verdict` stands
+    at its top.
     """
 
-    def __init__(self, budget_mb: float = BUDGET_MB) -> None:
-        self._budget_mb = budget_mb
+    def __init__(self, budget_mb: float = BUDGET_MB, verdict: Verdict | None = None) -> None:
+        self._budget_mb, self._verdict = budget_mb, verdict
 
     def write(self, runs: Sequence[Run], out: Path) -> None:
         """Write the report of `runs` to `out`, which appears only when whole. Raises ConfigError without runs, or where
@@ -96,7 +114,7 @@ class HtmlReport:
         """
         if not runs:
             raise ConfigError("report: no runs given; name at least one run folder")
-        write_whole(out, page(runs, budget_mb=self._budget_mb).encode("utf-8"))
+        write_whole(out, page(runs, budget_mb=self._budget_mb, verdict=self._verdict).encode("utf-8"))
 
     def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
         """Write the tables of an experiment, and below them the report of `runs`, some of its own; see `write`. Where a

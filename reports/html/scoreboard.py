@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fbench.replay.data.scores import Column, Figure, Results, ResultTable, Score
+from fbench.replay.data.scores import FORECAST, LOCKSTEP, STREAMING, Column, Figure, Results, ResultTable, Score
 from fbench.replay.data.scores import Line as ResultLine
 from fbench.replay.runs.folder import Run
 from fbench.reports.html.records import number, shade, visible
@@ -30,7 +30,8 @@ _SHORT = {"precision": "Prec.", "idsw": "IDSW"}
 _LOWER = ("idsw", "motp")  # Better when lower
 _CARD_COUNTS = ("tp", "fp", "fn", "gt", "idsw")
 WHOLE = ("idsw", "frag", "mt", "pt", "ml")
-OF_SLICES = ("f1", "recall", "precision")
+OF_SLICES = ("f1", "recall", "precision", "mota")
+_OF_LATENCY = (LOCKSTEP, STREAMING, FORECAST)
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,10 @@ def _parts(
 
 
 def _split(part: str) -> Iterator[str]:
-    """Split `range 0-10 m` into its kind and the rest; a slice of one word is a kind of its own."""
+    """Split `range 0-10 m` into its kind and the rest."""
+    if part in _OF_LATENCY:
+        yield from ("latency", part)
+        return
     kind, _, rest = part.partition(" ")
     yield from (kind, rest) if rest else ("part", part)
 

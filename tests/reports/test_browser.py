@@ -19,11 +19,16 @@ PRESS_EVERYTHING = """
 (async () => {
   const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
   const point = (node, clientX, clientY) => node.dispatchEvent(new PointerEvent("pointermove", { clientX, clientY }));
+  const choose = (id, value) => {
+    const select = document.getElementById(id);
+    select.value = value;
+    select.dispatchEvent(new Event("change"));
+  };
   for (const fold of document.querySelectorAll("details")) fold.open = true;
   for (const box of document.querySelectorAll("input[type=checkbox]")) { box.click(); box.click(); }
   for (const button of document.querySelectorAll("button")) button.click();
   for (const select of document.querySelectorAll("select")) {
-    for (const option of select.options) { select.value = option.value; select.dispatchEvent(new Event("change")); }
+    for (const option of [...select.options, select.options[0]]) choose(select.id, option?.value);
   }
   for (const canvas of document.querySelectorAll("canvas")) {
     const box = canvas.getBoundingClientRect();
@@ -31,13 +36,8 @@ PRESS_EVERYTHING = """
       for (let y = 0; y < box.height; y += 25) point(canvas, box.left + x, box.top + y);
     canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -120, cancelable: true }));
   }
-  for (const id of ["class", "only"]) {
-    document.getElementById(id).value = "";
-    document.getElementById(id).dispatchEvent(new Event("change"));
-  }
-  const select = document.getElementById("run");
-  select.value = String(select.options.length - 1);
-  select.dispatchEvent(new Event("change"));
+  choose("run", String(document.getElementById("run").options.length - 1));
+  choose("beside", "0");
   for (const key of ["Escape", "ArrowLeft", "ArrowLeft", "ArrowLeft", "ArrowRight", "ArrowRight"]) press(key);
 })()
 """

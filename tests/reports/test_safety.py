@@ -4,12 +4,16 @@ import base64
 import hashlib
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
+from tests.reports.chromium import Chromium
 from tests.reports.conftest import LATENCY, Page, Plan, boxes2d, boxes3d, score
 
+from fbench.replay.data.comparison import ComparedCell, Comparison, Divergence, ObjectChange, Row, WorstFrame
 from fbench.replay.data.details import Details, FrameErrors, ObjectTrack, ScoreCurve, Span
 from fbench.replay.runs.folder import Run
+from fbench.reports.html.comparison import Links, write_comparison
 
 MakeRun = Callable[[Plan], Run]
 Write = Callable[..., Page]
@@ -98,3 +102,26 @@ def test_scripts_write_text_only(page: Page) -> None:
     assert not re.search(
         r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function|fetch\(", script
     )
+
+
+def test_hostile_comparison(make_run: MakeRun, tmp_path: Path, chromium: Chromium) -> None:
+    names = {"pipeline": HOSTILE, "condition": HOSTILE}
+    numbers = dict.fromkeys(("metric", "class_", "slice", "matching", "unit", "gate", "reason"), HOSTILE)
+    row = Row(**names, **numbers, base=0.5, head=0.25, delta=-0.25, verdict="REGRESSED")
+    times = {"from_s": 0.0, "to_s": 1.0, "frames": (0, 1), "num_frames": 2, "range_m": None}
+    changed = ObjectChange("LOST", HOSTILE, HOSTILE, 1, **times, why=HOSTILE)
+    found = Comparison(
+        (row,), 0.0, "failed", (HOSTILE,), (HOSTILE,), (Divergence(HOSTILE, 0, 0.0, HOSTILE, HOSTILE, 1),), (changed,),
+        (WorstFrame(HOSTILE, 0, 0.0, 1, 2),), cells=(ComparedCell(HOSTILE, HOSTILE, HOSTILE),),
+    )  # fmt: skip
+    out, strange = tmp_path / "comparison.html", tmp_path / 'a b"><img src=x>.html'
+    runs = (make_run(hostile_plan("a")), make_run(hostile_plan("b")))
+    write_comparison(found, {HOSTILE: runs}, (HOSTILE, HOSTILE), Links(strange, None), out)
+    page = Page(out.read_text("utf-8"))
+    assert "img" not in page.tags
+    assert page.text.count(SHOWN) >= 12
+    assert ("href", "a%20b%22%3E%3Cimg%20src%3Dx%3E.html") in page.attributes
+    tab = chromium.tab()
+    tab.open(out)
+    assert not tab.run("document.images.length")
+    assert (tab.console, tab.asked) == ([], [])
