@@ -164,7 +164,8 @@ async function showFrame(at) {
   const missing = line.missing.filter(([index]) => index === i).map(([, sensor, why]) => `${short(sensor, 30)} missing (${short(why, 40)})`);
   const failed = line.failed.filter(([index]) => index === i).map(([, why]) => `failed: ${short(why, 80)}`);
   const [missed, alarms] = errorsAt(footage(), i, "");
-  const errors = [missed ? `${missed} missed` : "", alarms ? `${alarms} false` : ""].filter(Boolean);
+  const switches = line.errors?.switches[i];
+  const errors = [missed ? `${missed} missed` : "", alarms ? `${alarms} false` : "", switches ? `${switches} switched` : ""].filter(Boolean);
   const words = [`Frame ${line.first + i} of ${line.t.length}`, fixed(line.t[i], 2, " s"), `segment ${line.segment[i]}`, ...errors, ...missing, ...failed, ...droppedWords(line, i)];
   $("where").textContent = (known(line.truth[i]) ? words : [...words, "no truth"]).join(" · ");
   $("frame").setAttribute("aria-valuetext", words.slice(0, 2).join(", "));

@@ -6,7 +6,7 @@ import zlib
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes, Boxes2D, Boxes3D, finite
+from fbench.replay.data.details import load_details
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import is_pinhole, project_body, project_boxes, project_edges, rays
 from fbench.replay.geometry.iou import corners
@@ -300,6 +301,7 @@ class _Shown:
         self.rows, self.current = row_numbers(run), current_rows(run)
         self.start_ns = run.frames[0].stamp_ns if run.frames else 0
         self.log = run.manifest.data_key
+        self.switched = self._find_switches()
         self.errors, self.timeline = self._count_errors(), timeline(run)
         self.order: list[int] = []
         self._boxes: dict[int, tuple[Any, Any]] = {}
@@ -325,6 +327,17 @@ class _Shown:
         """Frames whose boxes are at hand."""
         return len(self.order)
 
+    def _find_switches(self) -> dict[int, list[int]]:
+        """Return the ids of the truth objects whose track changes, by the row of the frame."""
+        found: dict[int, list[int]] = {}
+        details = load_details(self.run.folder)
+        for one in details.objects if details else ():
+            spans = [span for span in one.spans if span.track_id is not None]
+            for before, span in pairwise(spans):
+                if before.track_id != span.track_id and span.first_frame in self.rows:
+                    found.setdefault(self.rows[span.first_frame], []).append(one.track_id)
+        return found
+
     def _count_errors(self) -> dict[str, Int64]:
         """Count what was missed, and false alarms of detections and tracks, in each frame (F,)."""
         counts = {}
@@ -335,6 +348,8 @@ class _Shown:
             frames = self._table(name).frames[rows].tolist() if rows else []
             number = [self.rows[index] for index in frames if index in self.rows]
             counts[kind] = np.bincount(np.array(number, np.int64), minlength=len(self.run.frames))
+        ids = [self.switched.get(row, ()) for row in range(len(self.run.frames))]
+        counts["switches"] = np.array([len(own) for own in ids], np.int64)
         return counts
 
     def _table(self, name: str) -> BoxTable:
@@ -393,6 +408,7 @@ class _Shown:
         for row in chosen:
             frame, pose = self.run.frames[row], self.run.poses[row]
             results[row] |= {
+                "switched": self.switched.get(row, []),
                 "outcomes": self._outcomes_of_truth(row, len(truth[row])),
                 "labelled": frame.truth_stamp_ns is not None,
                 "cameras": _sizes(self.run.manifest.rig_of(frame.segment)),
