@@ -51,6 +51,9 @@ function marks(u, lines, limit) {
   if (known(limit)) {
     const place = u.valToPos(limit.at, limit.axis, true);
     const { left, top, width, height } = u.bbox;
+    ctx.beginPath();
+    ctx.rect(left, top, width, height);
+    ctx.clip();
     ctx.strokeStyle = css("--bad");
     ctx.setLineDash([4 * uPlot.pxRatio, 3 * uPlot.pxRatio]);
     ctx.beginPath();
@@ -106,13 +109,14 @@ function drawTimes(rows) {
   if (!$("plot-times")) return;
   const shown = rows.filter((row) => times[row]?.total.length).slice(0, 24);
   const budget = shown.map((row) => times[row].budget).find(known);
+  const fromZero = (u, low, high) => [0, 1.04 * Math.max(high, budget ?? 0)];
   const warm = (row) => times[row].total.map((ms, i) => (i < times[row].warm_up ? null : ms));
   const lines = shown.map((row, color) => {
     const sorted = warm(row).filter(known).sort((a, b) => a - b);
     return { name: data.runs[row].label, color, points: sortedBy(sorted, sorted.map((_, i) => 100 * (i + 1) / sorted.length)) };
   });
-  plot("plot-spread", lines, { x: { label: "ms" }, y: { label: "%", range: [0, 100] }, limit: known(budget) ? { axis: "x", at: budget } : undefined });
+  plot("plot-spread", lines, { x: { label: "ms", range: fromZero }, y: { label: "%", range: [0, 100] }, limit: known(budget) ? { axis: "x", at: budget } : undefined });
   const courses = shown.map((row, color) => ({ name: data.runs[row].label, color, gaps: true, points: [times[row].total.map((_, i) => i), warm(row)] }));
-  plot("plot-times", courses, { x: { label: "frame", whole: true }, y: { label: "ms" }, limit: known(budget) ? { axis: "y", at: budget } : undefined });
+  plot("plot-times", courses, { x: { label: "frame", whole: true }, y: { label: "ms", range: fromZero }, limit: known(budget) ? { axis: "y", at: budget } : undefined });
   keyOf("times-key", lines.length > 1 ? lines : []);
 }

@@ -204,12 +204,8 @@ def with_errors(run: Run) -> Run:
 def test_boxes_have_their_outcomes(make_run: MakeRun, report: Write) -> None:
     page = report(with_errors(make_run(Plan())))
     errors = page.data["runs"][0]["timeline"]["errors"]
-    assert errors == {
-        "missed": [0, 0, 0, 1],
-        "alarms": [0, 1, 0, 0],
-        "false_tracks": [0, 0, 0, 0],
-        "switches": [0, 0, 0, 0],
-    }
+    none = [0, 0, 0, 0]
+    assert errors == {"missed": [0, 0, 0, 1], "alarms": [0, 1, 0, 0], "false_tracks": none, "switches": none}
     assert [frame["outcomes"] for frame in page.frames()] == [["hit"], ["hit"], ["hit"], ["missed"]]
     assert [frame["detections"][0]["outcome"] for frame in page.frames()] == ["hit", "false alarm", "ignored", "hit"]
     assert report(make_run(Plan(name="unscored"))).data["runs"][0]["timeline"]["errors"] is None
