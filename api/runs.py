@@ -173,7 +173,8 @@ def report(
     if budget_mb is None and base is None:
         load("reports", kind)().write(opened, path)
         return path
-    from fbench.reports.html.page import BUDGET_MB, HtmlReport, Verdict
+    from fbench.reports.html.page import HtmlReport, Verdict
+    from fbench.reports.html.scene import BUDGET_MB
 
     verdict = None if base is None else Verdict(Path(base).name, compare(base, runs[0]).comparison)
     HtmlReport(BUDGET_MB if budget_mb is None else budget_mb, verdict).write(opened, path)
