@@ -4,13 +4,12 @@ import json
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from fbench.replay.conditions.effects import describe
 from fbench.replay.contracts.faults import FAULTS, UNVERIFIED
-from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.criticality import load_critical_errors
 from fbench.replay.data.scores import format_count
 from fbench.replay.engine.service_queue import pair_outputs
@@ -22,6 +21,7 @@ from fbench.reports.html import records
 from fbench.reports.html.records import DASH, FaultRow, FaultTable, number, read_record, visible
 from fbench.reports.html.scoreboard import settings_of
 
+_SPACES: tuple[Literal["3d", "2d"], ...] = ("3d", "2d")
 _MOST_TEXT = 300  # Characters of a value, such as the regions of a log
 
 
@@ -37,18 +37,18 @@ def timeline(run: Run) -> dict[str, Any]:
         counts = np.bincount(table.frames, minlength=max(rows, default=-1) + 1)
         return [None if frame.is_dropped else int(counts[frame.index]) for frame in frames]
 
-    def num_truth(index: int) -> int | None:
-        boxes: Boxes3D | Boxes2D | None = run.truth3d(index)
-        boxes = run.truth2d(index) if boxes is None else boxes
-        if boxes is None:
-            return None
-        return len(boxes) if boxes.ignore is None else int(np.count_nonzero(~boxes.ignore))
+    def count_truth(space: Literal["3d", "2d"]) -> list[int]:
+        table = run.truth_table(space)
+        kept = table.frames if table.boxes.ignore is None else table.frames[~table.boxes.ignore]
+        return [int(num) for num in np.bincount(kept, minlength=max(rows, default=-1) + 1)]
 
+    own = {space: count_truth(space) for space in _SPACES if any(space in f.truth_spaces.split() for f in frames)}
+    spaces = [next((space for space in own if space in f.truth_spaces.split()), None) for f in frames]
     return {
         "first": frames[0].index if frames else 0,
         "t": [(f.stamp_ns - start_ns) / 1e9 for f in frames],
         "segment": [f.segment for f in frames],
-        "truth": [num_truth(f.index) for f in frames],
+        "truth": [None if space is None else own[space][f.index] for f, space in zip(frames, spaces, strict=True)],
         "detections": count(run.detections) if frames else [],
         "tracks": count(run.tracks) if frames else [],
         "missing": [[rows[f.index], sensor, why] for f in frames for sensor, why in sorted(f.missing.items())],

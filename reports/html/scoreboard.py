@@ -222,8 +222,8 @@ def _map(runs: Sequence[Run], columns: Columns, class_: str, settings: Sequence[
         for pipeline in dict.fromkeys(pipeline for pipeline, _ in place):
             figures = []
             for at in range(len(settings)):
-                row = place.get((pipeline, at))
-                score = None if row is None else _find(columns[row], "f1", class_, space)
+                run = place.get((pipeline, at))
+                score = None if run is None else _find(columns[run], "f1", class_, space)
                 figures.append(
                     Figure(None) if score is None
                     else Figure(score.value, score.reason, {}, None, score.low, score.high)
