@@ -1,7 +1,11 @@
-"""Forms of a report besides its page: an overlay for viewers, tables, figures, and what localhost serves."""
+"""Pages of comparisons, and forms of a report besides its page: an overlay, tables, figures, what localhost serves."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from fbench.api.scores import open_folder
 from fbench.api.suites.cells import CELLS
@@ -11,6 +15,9 @@ from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.redaction import public_id
+
+if TYPE_CHECKING:
+    from fbench.replay.data.comparison import Comparison
 
 
 def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreOptions | None = None) -> list[Path]:
@@ -43,6 +50,25 @@ def overlay(run: Path | str, out: Path, log: Path | None = None, options: ScoreO
         return write_overlay(opened, outcomes, out)
     frames = reader.coordinate_frames
     return write_overlay(opened, outcomes, out, reader.container, Names(frames.body, frames.world or OWN.world))
+
+
+def rerun_recording(run: Path | str, out: Path) -> Path:
+    """Write a run as a Rerun recording, `.rrd`, and return its path. Raises MissingPackageError without rerun-sdk;
+    ConfigError where there is no such run, or nothing can be written; RunError where the run is damaged.
+    """
+    from fbench.reports.rerun_recording import write_recording
+
+    return write_recording(open_folder(Path(run)), out)
+
+
+def show_in_rerun(run: Path | str) -> None:
+    """Show a run in the viewer of Rerun until that is closed; raises as `rerun_recording`."""
+    from fbench.reports.rerun_recording import import_rerun
+
+    import_rerun()
+    with TemporaryDirectory(prefix="fbench-") as folder:
+        path = rerun_recording(run, Path(folder) / "run.rrd")
+        subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False)  # noqa: S603 - the installed package
 
 
 def tables(runs: Sequence[Path | str], folder: Path) -> list[Path]:
@@ -86,6 +112,26 @@ def render(runs: Sequence[Path | str]) -> bytes:
     if len(folders) == 1 and not (folders[0] / "manifest.json").exists() and (folders[0] / "report.html").is_file():
         return (folders[0] / "report.html").read_bytes()
     return page([open_folder(folder) for folder in folders]).encode("utf-8")
+
+
+def comparison(compared: "Comparison", base: Path | str, head: Path | str, out: Path) -> Path:
+    """Write the page of a comparison of two runs or suites, linked with their reports where there are any, and return
+    its path. Raises ConfigError where it can't be written; RunError where a run can't be read.
+    """
+    from fbench.api.gates import open_side
+    from fbench.api.sides import pair_cells
+    from fbench.metrics.comparison.relations import ORIGINAL, RELATIONS_FILE
+    from fbench.reports.html.comparison import Links, write_comparison
+
+    paths = [Path(base), Path(head)]
+    if all((path / RELATIONS_FILE).is_file() for path in paths):
+        paths = [path / ORIGINAL for path in paths]
+    pairs, _, _ = pair_cells(*map(open_side, paths))
+    runs = {str(pair.name): (pair.base.run, pair.head.run) for pair in pairs}
+    pages = [path / "report.html" if (path / "report.html").is_file() else None for path in paths]
+    names = Path(base).resolve().name, Path(head).resolve().name
+    write_comparison(compared, runs, names, Links(*pages), out)
+    return out
 
 
 def is_suite(runs: Sequence[Path | str]) -> bool:

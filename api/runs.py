@@ -1,5 +1,6 @@
 """Runs: open one as tables, compare them, and write reports."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from html import escape
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from fbench.api.scores import open_folder
+from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.plugins import load
 from fbench.replay.data.scores import format_count, score_rows
 from fbench.replay.runs.folder import Run
@@ -139,18 +141,41 @@ def compare(
     return RunComparison(compare_sides(CompareRequest(Path(base), Path(head), tolerance, file, reference)))
 
 
-def report(runs: Sequence[Path | str], out: Path | None = None, kind: str = "html") -> Path:
+def report(
+    runs: Sequence[Path | str],
+    out: Path | None = None,
+    kind: str = "html",
+    budget_mb: float | None = None,
+    base: Path | str | None = None,
+) -> Path:
     """Write one self-contained report of one or several runs and return its path.
 
     Args:
         runs: Run folders.
         out: The file; `None`: `report.html` in the first run.
         kind: Name of the report plug-in.
+        budget_mb: Size that the HTML report may have [MB], frames with errors first; `None`: 25.
+        base: Run or baseline file that the only run is compared with; the HTML report begins with the verdict.
 
     Raises:
-        ConfigError: where a folder isn't there, or there is no such plug-in.
+        ConfigError: where a folder isn't there, there is no such plug-in, the budget isn't a positive number, or what
+            is given is for another kind or number of runs.
+        MetricError: where the run can't be compared with the base.
     """
+    if base is not None and (kind != "html" or len(runs) != 1):
+        raise ConfigError("--base is for the report of kind html of one RUN, which it is compared with")
+    if budget_mb is not None and kind != "html":
+        raise ConfigError(f"--budget-mb is for reports of kind html, not {kind}")
+    if budget_mb is not None and not 0 < budget_mb < math.inf:
+        raise ConfigError(f"--budget-mb: expected a positive number of MB, got {budget_mb:g}")
     opened = [open_folder(Path(folder)) for folder in runs]
     path = out or opened[0].folder / "report.html"
-    load("reports", kind)().write(opened, path)
+    if budget_mb is None and base is None:
+        load("reports", kind)().write(opened, path)
+        return path
+    from fbench.reports.html.page import HtmlReport, Verdict
+    from fbench.reports.html.scene import BUDGET_MB
+
+    verdict = None if base is None else Verdict(Path(base).name, compare(base, runs[0]).comparison)
+    HtmlReport(BUDGET_MB if budget_mb is None else budget_mb, verdict).write(opened, path)
     return path

@@ -13,10 +13,12 @@ from fbench.replay.contracts.errors import ConfigError, MetricError, RunError, d
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.plugins import entry_points_of, load
 from fbench.replay.data.criticality import save_critical_errors
+from fbench.replay.data.details import save_details
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Score, ScoreOptions, save_scores
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.folder import Run
+from fbench.replay.runs.outcomes import save_outcomes
 from fbench.replay.setup.source import classes_of
 from fbench.replay.truth.relabel import relabel
 from fbench.replay.truth.times import make_max_between_ns
@@ -195,9 +197,9 @@ def open_folder(folder: Path) -> Run:
 def score_folder(
     folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None, budget_ms: float | None = None
 ) -> Run:
-    """Write `scores.json`, `criticality.json` and `latency.json` into a run folder and return the run. Where the
-    pipeline needed time, the same replay in lockstep, which is kept inside, is scored first, and streaming scores are
-    written, too.
+    """Write `scores.json`, `criticality.json`, `details.json`, `outcomes.parquet` and `latency.json` into a run folder
+    and return the run. Where the pipeline needed time, the same replay in lockstep, which is kept inside, is scored
+    first, and streaming scores are written, too.
 
     Args:
         folder: Of the run.
@@ -208,6 +210,8 @@ def score_folder(
     from fbench.metrics.criticality.metric import find_critical_errors
     from fbench.metrics.latency import BUDGET_MS, summarize
     from fbench.metrics.runs.combine import score_run
+    from fbench.metrics.runs.details import find_details
+    from fbench.metrics.runs.outcomes import outcomes_of
     from fbench.metrics.runs.places import SharedRun
 
     run = SharedRun(folder)
@@ -225,6 +229,8 @@ def score_folder(
     latency = json.dumps(table, indent=1, allow_nan=False) + "\n"
     save_scores(folder / "scores.json", scores)
     save_critical_errors(folder, find_critical_errors(run, options))
+    save_details(folder, find_details(run, options))
+    save_outcomes(folder, outcomes_of(run, options))
     replace_text(folder / LATENCY, latency)
     return Run(folder)
 

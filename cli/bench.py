@@ -184,11 +184,23 @@ def _write(result: "BenchResult") -> list[Path]:
     from fbench.api.suites.bench import SUITE
     from fbench.api.suites.cells import CELLS, SCORES
     from fbench.replay.data.files import replace_text
+    from fbench.replay.runs.folder import Run
+    from fbench.reports.html.page import HtmlReport
     from fbench.reports.markdown import markdown
 
     folder = result.suite.folder
     replace_text(folder / "results.md", markdown(result.results))
-    return [folder / name for name in (SUITE, CELLS, SCORES, "results.md")]
+    paths = [folder / name for name in (SUITE, CELLS, SCORES, "results.md")]
+    done = [(cell, found) for cell, found in result.cells if found.has_run]
+    if not done:
+        return paths
+    first = done[0][0]
+    shown = [
+        Run(found.folder) for cell, found in done
+        if (cell.log, cell.condition, cell.rate, cell.seed) == (first.log, first.condition, first.rate, first.seed)
+    ]  # fmt: skip
+    HtmlReport().write_results(result.results, shown, folder / "report.html")
+    return [*paths, folder / "report.html"]
 
 
 @app.command("init", epilog=examples("bench init"))

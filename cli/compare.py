@@ -42,9 +42,13 @@ def compare(
     link: Annotated[
         str | None, Option(metavar="URL", help="Address of the CI job, for the comment of markdown and github.")
     ] = None,
+    report: Annotated[
+        Path | None, Option(metavar="FILE.html", help="Also write a page: what changed, object by object.")
+    ] = None,
     json: options.Json = False,
 ) -> None:
     """Print what changed between two runs or suites; exit 1 when the gate fails."""
+    from fbench.api.reports import comparison as write_report
     from fbench.api.runs import compare as compare_runs
     from fbench.reports.ci import check_link, parse_target, write_comparison
 
@@ -57,6 +61,8 @@ def compare(
     comparison = compare_runs(base, head, tolerance or 0.0, policy, reference).comparison
     for kind, path in targets:
         sys.stderr.writelines(f"{line}\n" for line in write_comparison(comparison, kind, path, url))
+    if report is not None:
+        sys.stderr.write(f"report: {write_report(comparison, base, head, report)}\n")
     if json:
         print_json(comparison.content())
     else:

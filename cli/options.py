@@ -180,6 +180,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "report": (
         "fbench report runs/log-lidar3d",
         "fbench report runs/log-lidar3d runs/log-late3d -o both.html",
+        "fbench report runs/log-late3d --base baseline.json",
         "fbench report runs/log-late3d --overlay overlay.mcap --log log.mcap",
         "fbench report runs/log-late3d --tables tables --figures figures",
     ),
@@ -187,6 +188,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "compare": (
         "fbench compare runs/base runs/head",
         "fbench compare runs/base runs/head --tolerance 0.01",
+        "fbench compare runs/base runs/head --report runs/comparison.html",
         "fbench compare main-suite branch-suite --policy gate.toml --write junit=gate.xml",
         "fbench compare baseline.json runs/head --policy gate.toml",
     ),

@@ -13,6 +13,14 @@ def report(
         Path | None, Option("--out", "-o", help="The report (default: report.html in the first RUN).")
     ] = None,
     kind: Annotated[str, Option(help="Report plug-in to use.")] = "html",
+    budget_mb: Annotated[
+        float | None,
+        Option(metavar="MB", help="Size that the report may have, in MB: frames with errors first (default: 25)."),
+    ] = None,
+    base: Annotated[
+        Path | None,
+        Option(metavar="BASE", help="Run or baseline file to compare one RUN with: the verdict comes first."),
+    ] = None,
     overlay: Annotated[
         Path | None,
         Option(
@@ -25,6 +33,9 @@ def report(
             metavar="LOG",
             help="The log that was replayed: copied into the overlay, and drawn in the sheet (or its folder).",
         ),
+    ] = None,
+    rerun: Annotated[
+        Path | None, Option(metavar="FILE.rrd", help="Also write one RUN as a recording for the Rerun viewer.")
     ] = None,
     tables: Annotated[
         Path | None, Option(metavar="FOLDER", help="Also write every table as CSV, Parquet and Markdown.")
@@ -50,21 +61,28 @@ def report(
     from fbench.cli.show import say
     from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
-    if overlay is not None and len(runs) > 1:
-        raise ConfigError(f"--overlay shows the results of one RUN, not of {len(runs)}")
-    if log is not None and overlay is None and sheet is None:
-        raise ConfigError("--log goes with --overlay FILE.mcap, into which its messages are copied, or --sheet")
-    if frame is not None and sheet is None:
-        raise ConfigError("--frame goes with --sheet FILE, which shows one frame")
-    is_suite = reports.is_suite(runs)
-    if is_suite and (overlay is not None or out is not None or not (tables or figures or sheet)):
-        raise ConfigError(
-            f"{runs[0]}: is a suite, which has its report; of it there are --tables, --figures and --sheet"
-        )
+    is_suite, num = reports.is_suite(runs), len(runs)
+    of_run = any(path is not None for path in (overlay, rerun, out, base))
+    others = "is a suite, which has its report; of it there are --tables, --figures and --sheet"
+    wrong = (
+        (overlay is not None and num > 1, f"--overlay shows the results of one RUN, not of {num}"),
+        (rerun is not None and num > 1, f"--rerun shows one RUN, not {num}"),
+        (
+            log is not None and overlay is None and sheet is None,
+            "--log goes with --overlay FILE.mcap, into which its messages are copied, or --sheet",
+        ),
+        (frame is not None and sheet is None, "--frame goes with --sheet FILE, which shows one frame"),
+        (is_suite and (of_run or not (tables or figures or sheet)), f"{runs[0]}: {others}"),
+    )
+    for is_wrong, text in wrong:
+        if is_wrong:
+            raise ConfigError(text)
     if not is_suite:
-        say(f"report: {write_report(runs, out, kind)}")
+        say(f"report: {write_report(runs, out, kind, budget_mb, base)}")
     if overlay is not None:
         say(*(f"overlay: {path}" for path in reports.overlay(runs[0], overlay, log)))
+    if rerun is not None:
+        say(f"rerun: {reports.rerun_recording(runs[0], rerun)}")
     if tables is not None:
         say(f"tables: {tables} ({len(reports.tables(runs, tables))} files)")
     if figures is not None:

@@ -191,7 +191,7 @@ def condition_table(runs: Sequence[ScoredRun], conditions: Sequence[str], *, reg
         for own, space in _groups(runs)
     )  # fmt: skip
     name, title = _names("f1_by_condition", "F1 by condition", region)
-    return ResultTable(name, title, tuple(map(Column, conditions)), lines, _interval_note(runs))
+    return ResultTable(name, title, tuple(map(Column, conditions)), lines, _interval_note(runs), is_map=True)
 
 
 def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) -> ResultTable:

@@ -66,7 +66,8 @@ def _table(suite: Suite, scored: Sequence[ScoredRun], metric: str) -> ResultTabl
     logs = format_count(len(suite.logs), "log")
     columns = tuple(Column(condition) for condition in suite.conditions)
     notes = (f"All vehicles as one class; counts of {logs}, all rates and seeds, added before dividing.",)
-    return ResultTable("accuracy" if metric == "f1" else metric, f"{_METRICS[metric]}, %", columns, tuple(lines), notes)
+    name, title = "accuracy" if metric == "f1" else metric, f"{_METRICS[metric]}, %"
+    return ResultTable(name, title, columns, tuple(lines), notes, is_map=metric == "f1")
 
 
 def _ablation_table(suite: Suite, done: Done, ablations: Sequence[Ablation]) -> ResultTable:

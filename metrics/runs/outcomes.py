@@ -32,7 +32,7 @@ def outcomes_of(run: Run, options: ScoreOptions) -> dict[str, dict[Place, str]]:
     by one where the pipeline knows them. Boxes of frames without truth are left out. Raises MetricError where an id
     occurs twice in a frame (GT003).
     """
-    shared = SharedRun(run.folder)
+    shared = run if isinstance(run, SharedRun) else SharedRun(run.folder)
     detected, tracked = (views(shared, table, options)[0] for table in (shared.detections, shared.tracks))
     found: dict[str, dict[Place, str]] = {name: {} for name in ("truth", "truth_2d", "detections", "tracks")}
     if detected.key.reason:

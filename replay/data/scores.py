@@ -184,6 +184,8 @@ class ResultTable:
     columns: tuple[Column, ...]
     lines: tuple[Line, ...]
     notes: tuple[str, ...] = ()
+    is_map: bool = False
+    """Whether the columns are conditions, and all figures are of one metric from 0 to 1."""
 
     @property
     def has_spaces(self) -> bool:

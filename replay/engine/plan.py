@@ -15,7 +15,7 @@ from fbench.replay.engine.service_queue import LatencyModel
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs import manifest
 
-NUM_MEDIA = 8
+NUM_MEDIA = 24
 
 
 @dataclass(frozen=True)

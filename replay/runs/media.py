@@ -18,8 +18,10 @@ from fbench.replay.geometry.transforms import transform
 from fbench.replay.runs.columns import bytes_column, number_column, text_column
 from fbench.replay.runs.tables import read_table, write_table
 
-MAX_WIDTH_PX = 960
-MAX_POINTS = 6000
+MAX_WIDTH_PX = 640
+MAX_POINTS = 10_000
+_SCALE = 100.0  # Points are kept in whole cm, their speeds in cm/s
+_NO_SPEED = -32768
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,7 @@ class MediaKeeper:
     Every `stride`-th frame is kept; when there are too many, the stride doubles and every second one goes.
     """
 
-    def __init__(self, num: int = 8) -> None:
+    def __init__(self, num: int = 24) -> None:
         self._num, self._stride, self._num_offered = num, 1, 0
         self._kept: list[MediaFrame] = []
         self.sizes_wh: dict[str, tuple[int, int]] = {}  # Of the first image of each camera that isn't calibrated [px]
@@ -102,14 +104,35 @@ def _points(rig: Rig, message: PointCloud | RadarScan) -> Points:
     return Points(xyz, speed)
 
 
+def thin(points: Points, most: int) -> Points:
+    """Return at most so many points, evenly spread."""
+    num = len(points.xyz)
+    rows = np.arange(min(num, most)) * num // max(1, min(num, most))
+    return Points(points.xyz[rows], points.speed_mps[rows])
+
+
+def pack_points(points: Points) -> bytes:
+    """Return points as little-endian int16 (N, 4): x, y, z [cm], radial velocity [cm/s], -32768 where there is none.
+    What is farther away than 327 m is put there.
+    """
+    table = np.concatenate([points.xyz, points.speed_mps[:, None]], axis=1).astype(np.float64)
+    whole = np.clip(np.round(table * _SCALE), -32767, 32767)
+    return np.where(np.isfinite(table), whole, _NO_SPEED).astype("<i2").tobytes()
+
+
+def _unpack_points(data: bytes) -> Points:
+    whole = np.frombuffer(data, "<i2").reshape(-1, 4)
+    values = np.where(whole == _NO_SPEED, np.float32(np.nan), whole.astype(np.float32) / np.float32(_SCALE))
+    return Points(values[:, :3].astype(np.float32), values[:, 3].astype(np.float32))
+
+
 def write_media(path: Path, frames: Sequence[MediaFrame]) -> None:
     """Write one row a picture or cloud."""
     rows: list[tuple[int, str, str, int, int, bytes]] = []
     for frame in frames:
         rows += [(frame.index, "picture", name, *p.size_wh, p.jpeg) for name, p in sorted(frame.pictures.items())]
         for name, points in sorted(frame.points.items()):
-            data = np.concatenate([points.xyz, points.speed_mps[:, None]], axis=1).astype("<f4").tobytes()
-            rows.append((frame.index, "points", name, len(points.xyz), 4, data))
+            rows.append((frame.index, "points_cm", name, len(points.xyz), 4, pack_points(points)))
     numbers = {
         name: np.array([row[i] for row in rows], np.int64) for i, name in ((0, "frame"), (3, "width"), (4, "height"))
     }
@@ -133,7 +156,9 @@ def read_media(path: Path) -> tuple[MediaFrame, ...]:
         pictures, points = frames.setdefault(row["frame"], ({}, {}))
         if row["kind"] == "picture":
             pictures[row["sensor"]] = Picture(row["data"], (row["width"], row["height"]))
-        else:
+        elif row["kind"] == "points_cm":
+            points[row["sensor"]] = _unpack_points(row["data"])
+        else:  # Of older versions
             values = np.frombuffer(row["data"], "<f4").reshape(-1, 4)
             points[row["sensor"]] = Points(values[:, :3], values[:, 3])
     return tuple(MediaFrame(index, *content) for index, content in sorted(frames.items()))

@@ -1,8 +1,8 @@
 // Small helpers. Text reaches the page through textContent only.
 const parse = (id) => JSON.parse(document.getElementById(id).textContent);
-const data = parse("data");
-const times = parse("times");
 const $ = (id) => document.getElementById(id);
+const data = parse("data");
+const times = $("times") ? parse("times") : []; // A comparison has none
 
 function element(tag, text = "", className = "") {
   const node = document.createElement(tag);
@@ -28,6 +28,17 @@ function sourceRgb(bits) {
   return bits & 7 ? rgb.map((value, i) => (value + STEREO_RGB[i]) / 2) : STEREO_RGB;
 }
 
+// What became of a box, for people who don't see all colors (after Okabe and Ito).
+const OUTCOME_RGB = { hit: [64, 200, 150], missed: [255, 130, 200], "false alarm": [255, 140, 50], invalid: [255, 140, 50], ignored: [140, 147, 158] };
+const WRONG = ["missed", "false alarm", "invalid"];
+const isWrong = (box) => WRONG.includes(box.outcome);
+
+// Color of a box on the stage: by what became of it, or by the sensors that found it.
+function boxRgb(kind, box, byOutcome) {
+  if (byOutcome && box.outcome && !(kind === "truth" && box.outcome === "hit")) return OUTCOME_RGB[box.outcome];
+  return kind === "truth" ? [222, 228, 236] : sourceRgb(byOutcome ? 0 : box.sources);
+}
+
 const rgba = (rgb, alpha = 1) => `rgba(${rgb.map(Math.round).join(",")},${alpha})`;
 const sourceNames = (bits) => ["C", "L", "R", "S"].filter((_, i) => bits >> i & 1).join(" + ") || "–";
 
@@ -44,7 +55,8 @@ const speedText = (box) => known(box.speed) ? fixed(box.speed, 1, " m/s") : "";
 
 function boxText(box) {
   const name = (known(box.id) ? `#${box.id} ` : "") + short(box.label);
-  return [name.trim(), speedText(box), known(box.distance) ? fixed(box.distance, 0, " m") : ""].filter(Boolean).join(" · ");
+  const sources = box.sources ? sourceNames(box.sources).replaceAll(" ", "") : "";
+  return [name.trim(), speedText(box), known(box.distance) ? fixed(box.distance, 0, " m") : "", sources].filter(Boolean).join(" · ");
 }
 
 function boxDetails(kind, box) {
@@ -53,6 +65,7 @@ function boxDetails(kind, box) {
   if (known(box.speed)) lines.push(`${isSolid(box) ? "speed" : "range rate"} ${speedText(box)}`);
   if (known(box.score)) lines.push(`score ${fixed(box.score, 2)}`);
   if (box.sources) lines.push(`sources ${sourceNames(box.sources)}`);
+  if (box.outcome) lines.push(box.outcome);
   if (box.predicted) lines.push("predicted, not measured");
   if (box.ignore) lines.push("ignored: neither hit nor miss");
   return lines.join("\n");
@@ -61,9 +74,10 @@ function boxDetails(kind, box) {
 // Canvas with one unit a CSS pixel, sharp on dense screens.
 function sized(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
-  canvas.width = Math.max(1, Math.round(width * ratio));
-  canvas.height = Math.max(1, Math.round(height * ratio));
-  const ctx = canvas.getContext("2d");
+  const size = [width, height].map((side) => Math.max(1, Math.round(side * ratio)));
+  if (canvas.width !== size[0]) canvas.width = size[0];
+  if (canvas.height !== size[1]) canvas.height = size[1];
+  const ctx = canvas.getContext("2d", { willReadFrequently: true }); // Points are written as pixels, which a GPU makes slower
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
   ctx.clearRect(0, 0, width, height);
   return ctx;

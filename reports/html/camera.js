@@ -1,16 +1,4 @@
 // The camera image with boxes. Outlines come in pixels of the camera model and are scaled to the picture.
-const images = new Map();
-
-function picture(number, onReady) {
-  if (!images.has(number)) {
-    const image = new Image();
-    image.onload = onReady;
-    image.src = "data:image/jpeg;base64," + data.pictures[number];
-    images.set(number, image);
-  }
-  return images.get(number);
-}
-
 class CameraPanel {
   constructor(canvas, onHover, redraw) {
     Object.assign(this, { canvas, redraw, hits: [] });
@@ -23,35 +11,41 @@ class CameraPanel {
     canvas.addEventListener("pointerleave", (event) => onHover(undefined, event));
   }
 
-  draw(run, frame, name, layers, hover) {
-    this.hits = [];
-    const image = frame && known(frame.pictures[name]) ? picture(frame.pictures[name], this.redraw) : null;
-    const ready = image && image.complete && image.naturalWidth;
-    const [w, h] = ready ? [image.naturalWidth, image.naturalHeight] : run.cameras[name] || [16, 9];
+  draw(run, frame, name, look) {
+    const { layers } = look;
+    Object.assign(this, { hits: [], look });
+    const number = frame?.media.pictures[name];
+    const image = known(number) ? pictures.get(number, this.redraw) : null;
+    if (image) this.last = image;
+    // While the next picture is decoded the last one stays.
+    const latest = image ?? (known(number) ? this.last : null);
+    const ready = latest && latest.naturalWidth ? latest : null;
+    const [w, h] = ready ? [ready.naturalWidth, ready.naturalHeight] : run.cameras[name] || [16, 9];
     const width = this.canvas.parentElement.clientWidth;
     const height = Math.min(width * h / w, 720);
     this.canvas.style.height = `${height}px`;
     const ctx = this.ctx = sized(this.canvas, width, height);
     const fit = Math.min(width / w, height / h);
     const left = (width - w * fit) / 2;
-    if (ready) ctx.drawImage(image, left, 0, w * fit, h * fit);
-    else this.say(image ? "" : "No image of this camera in this frame", width, height);
+    if (ready) ctx.drawImage(ready, left, 0, w * fit, h * fit);
+    else this.say(known(number) ? "" : "No image of this camera in this frame", width, height / 2);
     if (!frame) return;
+    if (ready && frame.media.row !== frame.index) this.say(`image of frame ${run.timeline.first + frame.media.row}`, width, height - 10);
     const model = frame.cameras[name] || [w, h];
     this.map = [left, w * fit / model[0], h * fit / model[1]];
     this.labels = new Labels(ctx, width, height);
-    if (layers.truth) frame.truth.forEach((box) => this.box("truth", box, name, hover));
-    if (layers.detections) frame.detections.forEach((box) => this.box("detection", box, name, hover));
-    if (layers.tracks) frame.tracks.forEach((box) => this.box("track", box, name, hover));
+    if (layers.truth) frame.truth.forEach((box) => this.box("truth", box, name));
+    if (layers.detections) frame.detections.forEach((box) => this.box("detection", box, name));
+    if (layers.tracks) frame.tracks.forEach((box) => this.box("track", box, name));
     if (layers.labels) this.names(layers);
   }
 
-  say(text, width, height) {
+  say(text, width, y) {
     const { ctx } = this;
-    ctx.fillStyle = "#a0a7b1";
+    ctx.fillStyle = "#d0d5dc";
     ctx.font = `13px ${FONT}`;
     ctx.textAlign = "center";
-    ctx.fillText(text, width / 2, height / 2);
+    ctx.fillText(text, width / 2, y);
   }
 
   // Pixel centres are at integers, canvas coordinates count from the corner.
@@ -60,12 +54,13 @@ class CameraPanel {
     return [left + (u + .5) * sx, (v + .5) * sy];
   }
 
-  box(kind, box, name, hover) {
+  box(kind, box, name) {
     const outline = box.seen[name];
     if (!outline) return;
-    const { ctx } = this;
-    const rgb = kind === "truth" ? [236, 240, 245] : sourceRgb(box.sources);
-    const on = hover === box;
+    const { ctx, look } = this;
+    const rgb = boxRgb(kind, box, look.byOutcome);
+    const on = look.hover === box;
+    ctx.globalAlpha = look.opacity(kind, box);
     const r = [...this.at(outline.rect[0], outline.rect[1]), ...this.at(outline.rect[2], outline.rect[3])];
     ctx.strokeStyle = rgba(rgb, kind === "detection" ? .75 : box.ignore || box.predicted ? .6 : .95);
     ctx.lineWidth = (kind === "track" ? 2 : 1.2) + (on ? 1.2 : 0);
@@ -77,6 +72,12 @@ class CameraPanel {
     if (outline.curves) this.curves(outline.curves);
     else outline.wire ? this.wire(outline.wire) : ctx.strokeRect(r[0], r[1], r[2] - r[0], r[3] - r[1]);
     ctx.setLineDash([]);
+    ctx.globalAlpha = 1;
+    if (look.mark?.box === box) {
+      ctx.strokeStyle = "#ffe14d";
+      ctx.lineWidth = 3;
+      ctx.strokeRect(r[0] - 4, r[1] - 4, r[2] - r[0] + 8, r[3] - r[1] + 8);
+    }
     this.hits.push({ kind, box, r, rgb });
   }
 
@@ -102,9 +103,8 @@ class CameraPanel {
   }
 
   names(layers) {
-    const tracks = this.hits.filter((hit) => hit.kind === "track");
-    const named = tracks.length || !layers.detections ? tracks : this.hits.filter((hit) => hit.kind === "detection");
-    for (const { box, r, rgb } of [...named].sort((a, b) => area(b.r) - area(a.r))) {
+    const named = namedHits(this.hits, layers, this.look);
+    for (const { box, r, rgb } of named.sort((a, b) => isWrong(b.box) - isWrong(a.box) || area(b.r) - area(a.r))) {
       const score = known(box.score) ? ` · ${fixed(box.score, 2)}` : "";
       this.labels.put(boxText(box) + score, (r[0] + r[2]) / 2, r[1], rgb);
     }

@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
 from fbench.replay.data.files import replace_text
-from fbench.reports.html.records import environment, number, resource
+from fbench.reports.html.records import PACKAGE, environment, number, read_style
 
-_PACKAGE = "fbench.reports.html"
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 452.0, 14.0, 196.0
 """Ends of the axes in the drawing [px]."""
 _MOST_TICKS = 5
@@ -74,9 +71,9 @@ class Page:
 
 def write_page(out: Path, page: Page) -> None:
     """Write one page that loads nothing, equal byte by byte for equal content."""
-    content = environment(_PACKAGE).get_template("charts.html").render(
+    content = environment(PACKAGE).get_template("charts.html").render(
         page=page, charts=[_draw(chart) for chart in page.charts],
-        style=Markup(resource(_PACKAGE, "style.css")),  # noqa: S704 - part of the package
+        style=read_style("style.css", "charts.css"),
         frame={"left": _LEFT, "right": _RIGHT, "top": _TOP, "bottom": _BOTTOM},
     )  # fmt: skip
     replace_text(out, content)

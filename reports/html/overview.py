@@ -1,15 +1,15 @@
-"""The head of the report: runs, faults, notices, latency, and the course of all frames, as the templates show them."""
+"""The head of the report: runs, faults, notices, what ran, and the course of all frames, as the templates show them."""
 
 import json
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from fbench.replay.conditions.effects import describe
 from fbench.replay.contracts.faults import FAULTS, UNVERIFIED
-from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.criticality import load_critical_errors
 from fbench.replay.data.scores import format_count
 from fbench.replay.engine.service_queue import pair_outputs
@@ -19,38 +19,10 @@ from fbench.replay.runs.shares import Predictions, predictions_of
 from fbench.replay.runs.tables import BoxTable
 from fbench.reports.html import records
 from fbench.reports.html.records import DASH, FaultRow, FaultTable, number, read_record, visible
+from fbench.reports.html.scoreboard import settings_of
 
-_BUDGET_SHARE, _P95_SHARE = 0.85, 0.7
-"""Where budget and largest 95th percentile lie at most on the scale; what is slower than its end is cut off."""
-
-
-def latency_panels(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, Any]]:
-    """Gather latency and host of every run: `label`, `table`, `host`, `scale_ms`, and in percent of that scale, which
-    is common to all, the `budget` and for each stage a bar; `cut` where the slowest frame lies beyond the scale.
-    """
-    tables = [read_record(run, "latency.json", records.LatencyTable) for run in runs]
-    ends = [table.budget_ms / _BUDGET_SHARE for table in tables if table]
-    ends += [(stage.p95_ms or 0.0) / _P95_SHARE for table in tables if table for stage in table.stages]
-    scale = max(ends, default=1.0) or 1.0
-
-    def at(value_ms: float | None) -> float:
-        return round(min(100.0, 100.0 * (value_ms or 0.0) / scale), 2)
-
-    panels = []
-    for run, label, table in zip(runs, labels, tables, strict=True):
-        bars = []
-        for stage in table.stages if table else ():
-            places = {name: at(getattr(stage, f"{name}_ms")) for name in ("p50", "p95", "p99", "max")}
-            bars.append({"stage": stage, "cut": (stage.max_ms or 0.0) > scale, **places})
-        facts, host = [], read_record(run, "host.json", records.Host)
-        for name, value in host.root.items() if host else ():
-            if value is None:  # unknown here; an energy has its reason beside it
-                continue
-            unit = " s" if name.endswith("_s") else ""
-            facts.append((name.removesuffix("_s"), number(value, 2) + unit if isinstance(value, float) else str(value)))
-        panel = {"label": label, "table": table, "host": facts, "bars": bars, "scale_ms": scale}
-        panels.append({**panel, "budget": at(table.budget_ms) if table else 0.0})
-    return panels
+_SPACES: tuple[Literal["3d", "2d"], ...] = ("3d", "2d")
+_MOST_TEXT = 300  # Characters of a value, such as the regions of a log
 
 
 def timeline(run: Run) -> dict[str, Any]:
@@ -65,18 +37,18 @@ def timeline(run: Run) -> dict[str, Any]:
         counts = np.bincount(table.frames, minlength=max(rows, default=-1) + 1)
         return [None if frame.is_dropped else int(counts[frame.index]) for frame in frames]
 
-    def num_truth(index: int) -> int | None:
-        boxes: Boxes3D | Boxes2D | None = run.truth3d(index)
-        boxes = run.truth2d(index) if boxes is None else boxes
-        if boxes is None:
-            return None
-        return len(boxes) if boxes.ignore is None else int(np.count_nonzero(~boxes.ignore))
+    def count_truth(space: Literal["3d", "2d"]) -> list[int]:
+        table = run.truth_table(space)
+        kept = table.frames if table.boxes.ignore is None else table.frames[~table.boxes.ignore]
+        return [int(num) for num in np.bincount(kept, minlength=max(rows, default=-1) + 1)]
 
+    own = {space: count_truth(space) for space in _SPACES if any(space in f.truth_spaces.split() for f in frames)}
+    spaces = [next((space for space in own if space in f.truth_spaces.split()), None) for f in frames]
     return {
         "first": frames[0].index if frames else 0,
         "t": [(f.stamp_ns - start_ns) / 1e9 for f in frames],
         "segment": [f.segment for f in frames],
-        "truth": [num_truth(f.index) for f in frames],
+        "truth": [None if space is None else own[space][f.index] for f, space in zip(frames, spaces, strict=True)],
         "detections": count(run.detections) if frames else [],
         "tracks": count(run.tracks) if frames else [],
         "missing": [[rows[f.index], sensor, why] for f in frames for sensor, why in sorted(f.missing.items())],
@@ -101,14 +73,6 @@ def row_numbers(run: Run) -> dict[int, int]:
     return {frame.index: row for row, frame in enumerate(run.frames)}
 
 
-def frame_times(run: Run) -> list[float | None]:
-    """Wall time of each frame [ms], `None` where it was dropped; empty where it wasn't measured for every other."""
-    total = run.frame_times.get("total", {})
-    if any(frame.index not in total for frame in run.frames if not frame.is_dropped):
-        return []
-    return [total[frame.index] / 1e6 if frame.index in total else None for frame in run.frames]
-
-
 @dataclass(frozen=True)
 class Overview:
     """One run in the head of the report."""
@@ -123,10 +87,12 @@ class Overview:
 
 
 def run_labels(runs: Sequence[Run]) -> list[str]:
-    """Name the runs by pipeline; by folder where that is ambiguous; numbered where that is, too."""
+    """Name the runs by pipeline; where that is ambiguous with what they saw, then by folder, and then numbered."""
     pipelines = [visible(run.manifest.pipeline) for run in runs]
+    of = {row: setting.name for setting in settings_of(runs) for row in setting.rows}
+    seen = [f"{name} · {of[row]}" for row, name in enumerate(pipelines)]
     folders = [visible(run.folder.resolve().name) for run in runs]
-    for names in (pipelines, folders):
+    for names in (pipelines, seen, folders):
         if len(set(names)) == len(runs):
             return names
     return [f"{i}: {name}" for i, name in enumerate(folders, 1)]
@@ -198,7 +164,8 @@ def _flat(value: Any, prefix: str = "") -> dict[str, str]:
         return {name: text for part in parts for name, text in part.items()}
     if not prefix:
         return {}
-    return {prefix: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return {prefix: text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}… ({len(text)} characters)"}
 
 
 @dataclass(frozen=True)
@@ -258,7 +225,7 @@ def _notices_of(o: Overview) -> Iterator[Notice]:
 
 def fault_lines(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, Any]]:
     """Return all codes of the fault table, and those of the runs that this version doesn't know, with `counts`, one a
-    run, and the first `places` by label of the run.
+    run, `who` has them, and the first `places` by label of the run.
     """
     tables = [read_record(run, "faults.json", FaultTable) for run in runs]
     columns = [{row.code: row for row in table.rows} if table else {} for table in tables]
@@ -270,9 +237,22 @@ def fault_lines(runs: Sequence[Run], labels: Sequence[str]) -> list[dict[str, An
         counts = [DASH if cell is None else str(cell.count) for cell in cells]
         places = [(label, cell.places) for label, cell in zip(labels, cells, strict=True) if cell and cell.places]
         total = sum(cell.count for cell in cells if cell)
-        line = {"code": code, "text": row.text, "loses_data": row.behaviour == "count"}
+        who = [(label, cell.count) for label, cell in zip(labels, cells, strict=True) if cell and cell.count]
+        line = {"code": code, "text": row.text, "loses_data": row.behaviour == "count", "who": who}
         lines.append({**line, "counts": counts, "places": places, "total": total})
     return lines
+
+
+def commands(runs: Sequence[Run]) -> list[str]:
+    """Return the commands that replay the runs, each once; parameters are their defaults, or among what ran."""
+    found = []
+    for m in (run.manifest for run in runs):
+        words = ["fbench", "replay", m.log.name, "-p", m.pipeline]
+        words += [word for condition in m.conditions for word in ("--condition", str(condition))]
+        words += ["--seed", str(m.seed)] if m.seed else []
+        words += [word for pattern in m.frames.sensors for word in ("--sensors", pattern)]
+        found.append(shlex.join(words))
+    return list(dict.fromkeys(found))
 
 
 def velocity_periods(runs: Sequence[Run]) -> list[str]:

@@ -3,8 +3,10 @@
 import json
 import math
 import re
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
+from hashlib import sha256
 from importlib.resources import files
 from typing import Any, TypeVar
 
@@ -16,6 +18,7 @@ from fbench.replay.contracts.errors import RunError, wrong_field
 from fbench.replay.runs.folder import Run
 
 R = TypeVar("R", bound=BaseModel)
+PACKAGE = "fbench.reports.html"
 DASH = "–"
 _INVISIBLE = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ufff9-\ufffb\ud800-\udfff]"
@@ -106,6 +109,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return text.replace("-", "\u2212") if float(f"{value:.{digits}f}") else text.replace("-", "")
 
 
+def shade(share: float | None) -> int | None:
+    """Return a share from 0 to 1 in whole tenths, for the color of its cell; `None` for `None`."""
+    return None if share is None else math.floor(10 * min(1.0, max(0.0, share)))
+
+
 def positive(text: str) -> float:
     """Return the number that a text is; 0 where it is no positive one."""
     try:
@@ -144,6 +152,22 @@ def resource(package: str, name: str) -> str:
     return files(package).joinpath(name).read_text("utf-8")
 
 
+def read_style(*names: str) -> Markup:
+    """Style sheets of the package, one after another."""
+    return Markup("\n".join(resource(PACKAGE, name) for name in names))  # noqa: S704 - part of the package
+
+
+def read_script(*names: str) -> Markup:
+    """Scripts of the package, in a scope of their own."""
+    parts = "\n".join(resource(PACKAGE, name) for name in names)
+    return Markup(f'"use strict";\n(() => {{\n{parts}\n}})();')  # noqa: S704
+
+
+def allow(content: str) -> str:
+    """Return the source of a Content-Security-Policy that allows an inline script or style by its digest."""
+    return f"'sha256-{b64encode(sha256(content.encode('utf-8')).digest()).decode('ascii')}'"
+
+
 @cache
 def environment(package: str) -> jinja2.Environment:
     """Templates of a package; they make text visible, then escape it."""
@@ -159,5 +183,6 @@ def environment(package: str) -> jinja2.Environment:
         lstrip_blocks=True,
         finalize=show,
     )
-    made.filters |= {"number": number, "brief": brief}
+    made.filters["capitalize_first"] = lambda text: text[:1].upper() + text[1:]
+    made.filters |= {"number": number, "brief": brief, "csp": lambda content: Markup(allow(content))}  # noqa: S704
     return made

@@ -2,25 +2,14 @@
 const EDGES = [];
 for (let i = 0; i < 8; i++) for (const bit of [1, 2, 4]) if (!(i & bit)) EDGES.push([i, i | bit]);
 const BOTTOM = [4, 5, 7, 6]; // corner i: bit 0 is rear, bit 1 right, bit 2 bottom
-const NO_SPEED = -32768;
-const clouds = new Map();
-
-function cloud(number) {
-  if (!clouds.has(number)) {
-    const bytes = Uint8Array.from(atob(data.clouds[number]), (c) => c.charCodeAt(0));
-    clouds.set(number, new Int16Array(bytes.buffer));
-  }
-  return clouds.get(number);
-}
-
 const corner = (box, i) => [box.corners[3 * i], box.corners[3 * i + 1], box.corners[3 * i + 2]];
 const middle = (box) => [0, 1, 2].map((axis) => [0, 1, 2, 3, 4, 5, 6, 7].reduce((sum, i) => sum + box.corners[3 * i + axis], 0) / 8);
 
 const place = (box) => isSolid(box) ? middle(box) : box.place;
 
 class Scene {
-  constructor(canvas, onHover) {
-    Object.assign(this, { canvas, onHover, view: new View(), hits: [] });
+  constructor(canvas, view, on) {
+    Object.assign(this, { canvas, view, on, hits: [], points: new PointLayer() });
     listen(this);
   }
 
@@ -31,22 +20,46 @@ class Scene {
     Object.assign(view, { width, height });
   }
 
-  draw(frame, layers, hover) {
+  // `look`: layers, what is hovered, whether colors are of outcomes, which boxes are dim, and marks [x, y].
+  draw(frame, look, trails = []) {
     this.resize();
     const { view } = this;
+    const { layers } = look;
+    this.look = look;
     const ctx = this.ctx = sized(this.canvas, view.width, view.height);
     this.hits = [];
     this.labels = new Labels(ctx, view.width, view.height);
+    if (frame) this.points.draw(ctx, view, window.devicePixelRatio || 1, frame.points.filter(({ kind }) => layers[kind]));
     this.grid();
     if (!frame) return;
-    for (const { kind, cloud: number } of frame.clouds) {
-      if (layers[kind]) kind === "radar" ? this.radar(cloud(number)) : this.lidar(cloud(number));
-    }
     this.ego();
-    if (layers.truth) frame.truth.forEach((box) => this.box("truth", box, hover));
-    if (layers.detections) frame.detections.forEach((box) => this.box("detection", box, hover));
-    if (layers.tracks) frame.tracks.forEach((box) => this.box("track", box, hover));
+    if (layers.trails) trails.forEach((trail) => this.trail(trail));
+    if (layers.truth) frame.truth.forEach((box) => this.box("truth", box));
+    if (layers.detections) frame.detections.forEach((box) => this.box("detection", box));
+    if (layers.tracks) frame.tracks.forEach((box) => this.box("track", box));
+    if (look.mark?.xy) this.mark(look.mark.xy);
     if (layers.labels) this.names(layers);
+  }
+
+  // Where a track was in the last seconds.
+  trail({ box, places }) {
+    const { ctx, view, look } = this;
+    this.path(places.map((p) => view.at(...p)));
+    ctx.lineWidth = 1.5;
+    ctx.strokeStyle = rgba(boxRgb("track", box, look.byOutcome), .55 * look.opacity("track", box));
+    ctx.stroke();
+  }
+
+  // A ring around what changed.
+  mark([x, y]) {
+    const p = this.view.at(x, y, 0);
+    if (!p) return;
+    const { ctx } = this;
+    ctx.beginPath();
+    ctx.arc(p[0], p[1], 22, 0, 7);
+    ctx.lineWidth = 3;
+    ctx.strokeStyle = "#ffe14d";
+    ctx.stroke();
   }
 
   path(points, close = false) {
@@ -91,30 +104,6 @@ class Scene {
     }
   }
 
-  lidar(points) {
-    const { ctx, view } = this;
-    for (let i = 0; i < points.length; i += 4) {
-      const z = points[i + 2] / 100;
-      const p = view.at(points[i] / 100, points[i + 1] / 100, z);
-      if (!p) continue;
-      const light = 92 + 80 * Math.min(1, Math.max(0, (z + 1.5) / 4));
-      ctx.fillStyle = `rgb(${light - 8},${light},${light + 12})`;
-      ctx.fillRect(p[0] - .65, p[1] - .65, 1.3, 1.3);
-    }
-  }
-
-  radar(points) {
-    const { ctx, view } = this;
-    for (let i = 0; i < points.length; i += 4) {
-      const p = view.at(points[i] / 100, points[i + 1] / 100, points[i + 2] / 100);
-      if (!p) continue;
-      ctx.fillStyle = points[i + 3] === NO_SPEED ? "rgba(196,176,120,.8)" : rgba(speedRgb(points[i + 3] / 100), .85);
-      ctx.beginPath();
-      ctx.arc(p[0], p[1], 1.7, 0, 7);
-      ctx.fill();
-    }
-  }
-
   ego() {
     const { ctx, view } = this;
     this.path([[2.4, 0], [-1.2, 1.1], [-.5, 0], [-1.2, -1.1]].map(([x, y]) => view.at(x, y, 0)), true);
@@ -122,19 +111,20 @@ class Scene {
     ctx.fill();
   }
 
-  box(kind, box, hover) {
-    if (!isSolid(box)) return this.spot(kind, box, hover);
-    const { ctx, view } = this;
+  box(kind, box) {
+    if (!isSolid(box)) return this.spot(kind, box);
+    const { ctx, view, look } = this;
     const eight = Array.from({ length: 8 }, (_, i) => view.at(...corner(box, i)));
     const center = view.at(...middle(box));
     if (eight.includes(null) || !center) return undefined;
-    const rgb = kind === "truth" ? [222, 228, 236] : sourceRgb(box.sources);
-    const on = hover === box;
+    const rgb = boxRgb(kind, box, look.byOutcome);
+    const on = look.hover === box;
+    ctx.globalAlpha = look.opacity(kind, box);
     this.path(BOTTOM.map((i) => eight[i]), true);
     ctx.fillStyle = rgba(rgb, kind === "detection" ? .26 : on ? .3 : .04);
     ctx.fill();
     ctx.strokeStyle = rgba(rgb, kind === "detection" ? .7 : box.ignore || box.predicted ? .6 : 1);
-    ctx.lineWidth = (kind === "track" ? 2 : 1.1) + (on ? 1.4 : 0);
+    ctx.lineWidth = (kind === "track" || box.outcome === "missed" ? 2 : 1.1) + (on ? 1.4 : 0);
     ctx.setLineDash(kind === "truth" ? [5, 4] : box.predicted ? [2, 3] : []);
     if (view.tilt) {
       for (const [i, j] of EDGES) { this.path([eight[i], eight[j]]); ctx.stroke(); }
@@ -142,16 +132,18 @@ class Scene {
     ctx.setLineDash([]);
     if (kind !== "truth") this.heading(box, eight, rgb);
     if (kind === "track") this.arrow(box, rgb);
+    ctx.globalAlpha = 1;
     return this.hits.push({ kind, box, x: center[0], y: center[1], top: Math.min(...eight.map((p) => p[1])), rgb });
   }
 
   // A 2D box that has a distance: a diamond on the ray through its middle.
-  spot(kind, box, hover) {
+  spot(kind, box) {
     const p = box.place && this.view.at(...box.place);
     if (!p) return;
-    const { ctx } = this;
-    const rgb = kind === "truth" ? [222, 228, 236] : sourceRgb(box.sources);
-    const r = hover === box ? 8 : 6;
+    const { ctx, look } = this;
+    const rgb = boxRgb(kind, box, look.byOutcome);
+    const r = look.hover === box ? 8 : 6;
+    ctx.globalAlpha = look.opacity(kind, box);
     this.path([[p[0], p[1] - r], [p[0] + r, p[1]], [p[0], p[1] + r], [p[0] - r, p[1]]], true);
     ctx.fillStyle = rgba(rgb, kind === "detection" ? .26 : .1);
     ctx.fill();
@@ -161,6 +153,7 @@ class Scene {
     ctx.stroke();
     ctx.setLineDash([]);
     if (kind === "track") this.arrow(box, rgb);
+    ctx.globalAlpha = 1;
     this.hits.push({ kind, box, x: p[0], y: p[1], top: p[1] - r, rgb });
   }
 
@@ -192,12 +185,17 @@ class Scene {
   }
 
   names(layers) {
-    const tracks = this.hits.filter((hit) => hit.kind === "track");
-    const named = tracks.length || !layers.detections ? tracks : this.hits.filter((hit) => hit.kind === "detection");
     const { width, height } = this.view;
-    const near = named.filter((hit) => hit.x > 0 && hit.x < width && hit.y > 0 && hit.y < height).sort((a, b) => (a.box.distance || 0) - (b.box.distance || 0));
+    const near = namedHits(this.hits, layers, this.look).filter((hit) => hit.x > 0 && hit.x < width && hit.y > 0 && hit.y < height);
+    near.sort((a, b) => isWrong(b.box) - isWrong(a.box) || (a.box.distance || 0) - (b.box.distance || 0));
     for (const hit of near) this.labels.put(boxText(hit.box), hit.x, hit.top, hit.rgb);
   }
+}
+
+// Boxes whose text is written: tracks, or detections where there are none, and all errors.
+function namedHits(hits, layers, look) {
+  const kind = hits.some((hit) => hit.kind === "track") || !layers.detections ? "track" : "detection";
+  return hits.filter((hit) => look.opacity(hit.kind, hit.box) === 1 && (hit.kind === kind || (look.byOutcome && isWrong(hit.box))));
 }
 
 function nearest(hits, x, y) {
@@ -211,7 +209,9 @@ function listen(scene) {
   const { canvas, view } = scene;
   const fingers = new Map();
   const spread = () => { const [a, b] = [...fingers.values()]; return Math.hypot(a.x - b.x, a.y - b.y); };
+  let moved = 0;
   canvas.addEventListener("pointerdown", (event) => {
+    moved = 0;
     fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     canvas.setPointerCapture(event.pointerId);
   });
@@ -220,24 +220,29 @@ function listen(scene) {
     const last = fingers.get(event.pointerId);
     if (!last) {
       const box = canvas.getBoundingClientRect();
-      return scene.onHover(nearest(scene.hits, event.clientX - box.left, event.clientY - box.top), event);
+      return scene.on.hover(nearest(scene.hits, event.clientX - box.left, event.clientY - box.top), event);
     }
     const before = fingers.size === 2 ? spread() : 0;
     const [dx, dy] = [event.clientX - last.x, event.clientY - last.y];
+    moved += Math.abs(dx) + Math.abs(dy);
     fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     if (fingers.size === 2) view.zoom(spread() / Math.max(1, before));
     else if (view.tilt && !event.shiftKey) {
       view.turn += dx * .006;
       view.tilt = Math.min(1.4, Math.max(.15, view.tilt - dy * .005));
     } else view.move(dx, dy);
-    return scene.onHover(undefined, event);
+    return scene.on.turn();
   });
-  canvas.addEventListener("pointerleave", (event) => scene.onHover(undefined, event));
+  canvas.addEventListener("pointerleave", (event) => scene.on.hover(undefined, event));
+  canvas.addEventListener("click", (event) => {
+    const box = canvas.getBoundingClientRect();
+    if (moved < 4) scene.on.pick(nearest(scene.hits, event.clientX - box.left, event.clientY - box.top));
+  });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
     const box = canvas.getBoundingClientRect();
     view.zoom(Math.exp(-event.deltaY * .0014), event.clientX - box.left, event.clientY - box.top);
-    scene.onHover(undefined, event);
+    scene.on.turn();
   }, { passive: false });
 }
 
@@ -247,7 +252,7 @@ function extent(frames) {
   for (const frame of frames) {
     for (const box of [...frame.truth, ...frame.tracks, ...frame.detections].filter(place)) {
       const [x, y] = place(box);
-      if (x < -60 || x > 80 || Math.abs(y) > 45) continue;
+      if (box.ignore || x < -20 || x > 70 || Math.abs(y) > 30) continue;
       back = Math.min(back, x - 5);
       front = Math.max(front, x + 5);
       side = Math.max(side, Math.abs(y) + 4);

@@ -10,7 +10,8 @@ class Strip {
     const run = data.runs[number];
     Object.assign(this, { run, line: run.timeline, time: times[number], onPick, at: null });
     this.sensors = [...new Set(this.line.missing.map(([, sensor]) => sensor))].sort();
-    this.kept = run.frames.map((frame) => frame.index);
+    this.kept = run.media.map(([row]) => row);
+    this.shownRows = run.frames;
     this.total = this.time.total;
     this.node = element("div", "", "strip");
     this.canvas = element("canvas");
@@ -46,7 +47,7 @@ class Strip {
 
   pick(event) {
     const at = this.index(event);
-    const near = [...this.kept].sort((a, b) => Math.abs(a - at) - Math.abs(b - at))[0];
+    const near = [...this.shownRows].sort((a, b) => Math.abs(a - at) - Math.abs(b - at))[0];
     if (known(near)) this.onPick(near);
   }
 

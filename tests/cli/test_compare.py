@@ -43,6 +43,38 @@ def test_a_loss_is_exit_1_with_reasons_and_files(fbench, runs, tmp_path):
     assert json.loads(files["json"].read_text(encoding="utf-8"))["regressed"] is True
 
 
+def test_a_report_shows_what_got_worse_and_leads_to_the_runs(fbench, runs, tmp_path):
+    for name in ("base", "worse"):
+        (runs / name / "faults.json").write_text('{"lost": 0, "rows": []}', encoding="utf-8")
+    assert fbench("report", runs / "worse", "--base", runs / "base").code == 0
+    page = (runs / "worse" / "report.html").read_text(encoding="utf-8")
+    assert '<div class="banner bad" role="alert" id="verdict">' in page
+    assert "<b>REGRESSED</b> lidar3d: f1, vehicle, bev 2 m, within 50 m:" in page
+    result = fbench("compare", runs / "base", runs / "worse", "--report", tmp_path / "new" / "comparison.html")
+    assert (result.code, "comparison.html" in result.err) == (1, True)
+    text = (tmp_path / "new" / "comparison.html").read_text(encoding="utf-8")
+    assert "REGRESSED: lidar3d: f1, vehicle, bev 2 m, within 50 m and 1 more" in text
+    (link,) = re.findall('<a href="([^"#]+)">Report of head', text)
+    assert (tmp_path / "new" / link).resolve() == (runs / "worse" / "report.html").resolve()
+    again = fbench("compare", runs / "base", runs / "worse", "--report", tmp_path / "new" / "again.html")
+    assert again.code == 1
+    assert (tmp_path / "new" / "again.html").read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("report", "worse", "base", "--base", "base"), "--base is for the report of kind html of one RUN"),
+        (("report", "worse", "--base", "nothing"), "nothing: no such run folder"),
+        (("compare", "base", "worse", "--report", "base/manifest.json/x.html"), "x.html: can't be written"),
+    ],
+)
+def test_a_report_that_cant_be_is_one_line(fbench, runs, monkeypatch, words, why):
+    monkeypatch.chdir(runs)
+    result = fbench(*words)
+    assert (result.code, why in result.err, result.err.count("\n")) == (2, True, 1)
+
+
 def test_without_labels_the_base_is_the_reference(fbench, runs):
     refused = fbench("compare", runs / "dark", runs / "dark-worse")
     assert (refused.code, "--reference base" in refused.err) == (3, True)

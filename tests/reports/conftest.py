@@ -1,7 +1,9 @@
 """Small runs for reports."""
 
+import base64
 import json
-from collections.abc import Callable, Mapping, Sequence
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
@@ -9,15 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.reports import chromium as driver
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.details import Details, save_details
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.data.scores import Score, save_scores
 from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
-from fbench.replay.runs.manifest import FrameEntry, LogEntry, Manifest, rig_entry
+from fbench.replay.runs.manifest import ConditionEntry, FrameEntry, LogEntry, Manifest, rig_entry
 from fbench.replay.runs.media import MediaFrame, Picture, Points
 from fbench.reports.html import HtmlReport
 
@@ -95,10 +99,12 @@ class Plan:
     faults: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=lambda: {"lidar": {"cluster": {"eps_m": 0.6}}, "every": 1})
     scores: Sequence[Score] | None = SCORES
+    details: Details | None = None
     latency: Any = field(default_factory=lambda: LATENCY)
     total_ms: float = 75.0
     num_frames: int = 4
     metadata: Mapping[str, str] = field(default_factory=lambda: {"place": "here"})
+    conditions: Sequence[ConditionEntry] = ()
     log_digest: str = "aabbccddeeff00112233"
 
 
@@ -110,6 +116,13 @@ def media(index: int) -> MediaFrame:
     return MediaFrame(
         index, {"cam": Picture(jpeg, (80, 60))}, {"top": Points(xyz, still), "radar": Points(xyz, measured)}
     )
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[driver.Chromium]:
+    """A browser for all tests of a process."""
+    with driver.start(tmp_path_factory.mktemp("chromium")) as browser:
+        yield browser
 
 
 @pytest.fixture
@@ -131,6 +144,8 @@ def make_run(tmp_path: Path) -> Callable[[Plan], Run]:
             (folder / "latency.json").write_text(json.dumps(plan.latency))
         if plan.scores is not None:
             save_scores(folder / "scores.json", plan.scores)
+        if plan.details is not None:
+            save_details(folder, plan.details)
         return Run(folder)
 
     return make
@@ -156,6 +171,7 @@ def _manifest(plan: Plan) -> Manifest:
         log=LogEntry(name=plan.log, log_id="id-1", digest=plan.log_digest, metadata=dict(plan.metadata)),
         pipeline=plan.pipeline,
         parameters=dict(plan.parameters),
+        conditions=list(plan.conditions),
         frames=FrameEntry(
             reference="top",
             timeout_ns=30_000_000,
@@ -205,6 +221,25 @@ class Page(HTMLParser):
     def data(self) -> Any:
         """What the scripts read."""
         return json.loads(self.islands["data"])
+
+    def content(self, number: int) -> bytes:
+        """A content that the scripts decode when they show it."""
+        return base64.b64decode(self.islands["store"].split("\n")[number])
+
+    def inflate(self, number: int) -> bytes:
+        """Points or boxes, which are compressed."""
+        return zlib.decompress(self.content(number), -15)
+
+    def frames(self, run: int = 0) -> list[Any]:
+        """The frames of a run as the scripts put them together."""
+        data = self.data
+        one, found = data["runs"][run], list[Any]()
+        media = dict(one["media"])
+        for row, at in zip(one["frames"], range(len(one["frames"])), strict=True):
+            both = one["chunks"][at // data["chunk"]]
+            truth, results = (json.loads(self.inflate(number))[at % data["chunk"]] for number in both)
+            found.append({**results, "index": row, "truth": truth, **media.get(row, {"pictures": {}, "clouds": []})})
+        return found
 
 
 @pytest.fixture

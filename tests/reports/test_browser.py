@@ -1,16 +1,12 @@
 """The page in a real browser: it renders, says nothing on the console, and asks nobody for anything."""
 
-import json
-import os
-import shutil
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.reports.chromium import Chromium, Tab
 from tests.reports.conftest import Plan, boxes2d, boxes3d
 from tests.reports.test_safety import hostile_plan
 
@@ -19,126 +15,105 @@ from fbench.replay.runs.folder import Run
 from fbench.reports.html import HtmlReport
 
 MakeRun = Callable[[Plan], Run]
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 PRESS_EVERYTHING = """
-<script>
-const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
-const point = (node, clientX, clientY) => node.dispatchEvent(new PointerEvent("pointermove", { clientX, clientY }));
-for (const box of document.querySelectorAll("input[type=checkbox]")) { box.click(); box.click(); }
-for (const button of document.querySelectorAll("button")) button.click();
-for (const canvas of document.querySelectorAll("canvas")) {
-  const box = canvas.getBoundingClientRect();
-  for (let x = 0; x < box.width; x += 9)
-    for (let y = 0; y < box.height; y += 9) point(canvas, box.left + x, box.top + y);
-  canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -120, cancelable: true }));
-}
-const select = document.getElementById("run");
-select.value = String(select.options.length - 1);
-select.dispatchEvent(new Event("change"));
-press("ArrowLeft");
-press("ArrowLeft");
-press("ArrowRight");
-document.body.dataset.pressed = "true";
-</script></body>
+(async () => {
+  const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+  const point = (node, clientX, clientY) => node.dispatchEvent(new PointerEvent("pointermove", { clientX, clientY }));
+  const choose = (id, value) => {
+    const select = document.getElementById(id);
+    select.value = value;
+    select.dispatchEvent(new Event("change"));
+  };
+  for (const fold of document.querySelectorAll("details")) fold.open = true;
+  for (const box of document.querySelectorAll("input[type=checkbox]")) { box.click(); box.click(); }
+  for (const button of document.querySelectorAll("button")) button.click();
+  for (const select of document.querySelectorAll("select")) {
+    for (const option of [...select.options, select.options[0]]) choose(select.id, option?.value);
+  }
+  for (const canvas of document.querySelectorAll("canvas")) {
+    const box = canvas.getBoundingClientRect();
+    for (let x = 0; x < box.width; x += 25)
+      for (let y = 0; y < box.height; y += 25) point(canvas, box.left + x, box.top + y);
+    canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -120, cancelable: true }));
+  }
+  choose("run", String(document.getElementById("run").options.length - 1));
+  choose("beside", "0");
+  for (const key of ["Escape", "ArrowLeft", "ArrowLeft", "ArrowLeft", "ArrowRight", "ArrowRight"]) press(key);
+})()
 """
 
 
-class Body(HTMLParser):
-    """Attributes of the body, tags, and texts by id."""
-
-    def __init__(self, html: str) -> None:
-        super().__init__()
-        self.body, self.tags, self.texts, self._id = dict[str, str | None](), list[str](), dict[str, str](), ""
-        self.feed(html)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self._id = dict(attrs).get("id") or self._id
-        if tag == "body":
-            self.body = dict(attrs)
-
-    def handle_data(self, data: str) -> None:
-        self.texts[self._id] = self.texts.get(self._id, "") + data
+def browse(chromium: Chromium, runs: list[Run], out: Path) -> Tab:
+    """Write the report of runs, and open it."""
+    HtmlReport().write(runs, out)
+    tab = chromium.tab()
+    tab.open(out)
+    tab.wait("document.body.dataset.ready && document.body.dataset.drawn")
+    return tab
 
 
-def browse(page: Path, scratch: Path) -> tuple[Body, str, list[str]]:
-    """Open a page; returns what became of it, the console's lines, and addresses that the page asked for."""
-    if BROWSER is None:
-        pytest.skip("no chromium, chromium-browser or google-chrome is installed")
-    log = scratch / "net.json"
-    command = [
-        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
-        "--enable-logging=stderr", "--v=0", "--window-size=1280,900", "--virtual-time-budget=1000",
-        f"--user-data-dir={scratch / 'profile'}", f"--log-net-log={log}", "--dump-dom", page.as_uri(),
-    ]  # fmt: skip
-    done = subprocess.run(
-        command, capture_output=True, text=True, timeout=120, env={**os.environ, "HOME": str(scratch)}
-    )
-    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    return Body(done.stdout), "\n".join(console), requests(log)
+def text(tab: Tab, name: str) -> str:
+    """What an element says."""
+    found = tab.run(f"document.getElementById({name!r})?.textContent ?? ''")
+    return " ".join(str(found).split())
 
 
-def requests(log: Path) -> list[str]:
-    """Addresses on the network that the page asked for; the browser's own errands have no origin."""
-    content = json.loads(log.read_text())
-    params = [event.get("params", {}) for event in content["events"]]
-    asked = [p for p in params if str(p.get("url", "")).startswith(("http", "ws", "ftp"))]
-    return [p["url"] for p in asked if p.get("initiator", "not an origin") != "not an origin"]
+def has_images(tab: Tab) -> bool:
+    return bool(tab.run("document.images.length"))
 
 
-def test_page_renders_quietly_and_alone(make_run: MakeRun, tmp_path: Path) -> None:
-    out = tmp_path / "report.html"
-    HtmlReport().write([make_run(Plan(missing={"radar": "timeout"}))], out)
-    body, console, asked = browse(out, tmp_path)
-    assert body.body.get("data-ready") == "true"
-    assert body.texts["where"].strip() == "Frame 0 of 4 · 0.00 s · segment 0"
-    assert "track #7 · car" in body.texts["objects"]
-    assert console == ""
-    assert asked == []
+def test_page_renders_quietly_and_alone(chromium: Chromium, make_run: MakeRun, tmp_path: Path) -> None:
+    tab = browse(chromium, [make_run(Plan(missing={"radar": "timeout"}))], tmp_path / "report.html")
+    assert text(tab, "where") == "Frame 0 of 4 · 0.00 s · segment 0"
+    tab.wait("document.getElementById('objects').textContent.includes('track #7 · car')")
+    assert (tab.console, tab.asked) == ([], [])
 
 
-def test_controls_work_with_hostile_names(make_run: MakeRun, tmp_path: Path) -> None:
-    out = tmp_path / "report.html"
+def test_controls_work_with_hostile_names(chromium: Chromium, make_run: MakeRun, tmp_path: Path) -> None:
     second = Plan(name="second", pipeline="camera2d", make_boxes=boxes2d)
-    HtmlReport().write([make_run(hostile_plan()), make_run(second)], out)
-    html = out.read_text("utf-8")
-    out.write_text(html.replace("</body>", PRESS_EVERYTHING), "utf-8")
-    body, console, asked = browse(out, tmp_path)
-    assert body.body.get("data-pressed") == "true"
-    assert body.texts["where"].strip() == "Frame 2 of 4 · 5.20 s · segment 1"
-    assert "track #3 · car" in body.texts["objects"]
-    assert "img" not in body.tags
-    assert console == ""
-    assert asked == []
+    tab = browse(chromium, [make_run(hostile_plan()), make_run(second)], tmp_path / "report.html")
+    tab.run(PRESS_EVERYTHING)
+    assert text(tab, "where") == "Frame 2 of 4 · 5.20 s · segment 1"
+    tab.wait("document.getElementById('objects').textContent.includes('track #3 · car')")
+    assert not has_images(tab)
+    assert (tab.console, tab.asked) == ([], [])
 
 
-def test_damaged_boxes_are_listed_and_not_drawn(make_run: MakeRun, tmp_path: Path) -> None:
+def test_damaged_boxes_are_listed_and_not_drawn(chromium: Chromium, make_run: MakeRun, tmp_path: Path) -> None:
     def damaged(label: str) -> Boxes3D:
         return replace(boxes3d(label), center_m=np.array([[np.nan, 0, 0]]))
 
-    out = tmp_path / "report.html"
-    HtmlReport().write([make_run(Plan(make_boxes=damaged))], out)
-    body, console, _ = browse(out, tmp_path)
-    assert "track #7 · car invalid, not drawn" in body.texts["objects"]
-    assert "2D" not in body.texts["camera-note"]
-    assert console == ""
+    tab = browse(chromium, [make_run(Plan(make_boxes=damaged))], tmp_path / "report.html")
+    tab.wait("document.getElementById('objects').textContent.includes('track #7 · car invalid, not drawn')")
+    assert "2D" not in text(tab, "camera-note")
+    assert tab.console == []
 
 
 @pytest.mark.parametrize("others", [[], [Plan(name="second", pipeline="radar3d")]])
-def test_run_without_frames_renders(make_run: MakeRun, tmp_path: Path, others: list[Plan]) -> None:
-    out = tmp_path / "report.html"
+def test_run_without_frames_renders(chromium: Chromium, make_run: MakeRun, tmp_path: Path, others: list[Plan]) -> None:
     empty = Plan(num_frames=0, scores=None, latency=None)
-    HtmlReport().write([make_run(plan) for plan in [empty, *others]], out)
-    body, console, _ = browse(out, tmp_path)
-    assert body.body.get("data-ready") == "true"
-    assert body.texts.get("where", "").strip() == ("Frame 0 of 4 · 0.00 s · segment 0" if others else "")
-    assert console == ""
+    tab = browse(chromium, [make_run(plan) for plan in [empty, *others]], tmp_path / "report.html")
+    assert text(tab, "where") == ("Frame 0 of 4 · 0.00 s · segment 0" if others else "")
+    assert tab.console == []
 
 
-def test_check_sees_a_request(tmp_path: Path) -> None:
+def test_check_sees_a_request(chromium: Chromium, tmp_path: Path) -> None:
     page = tmp_path / "bad.html"
     page.write_text("<body><img src='http://127.0.0.1:9/x.png'><script>console.log('said')</script></body>")
-    _, console, asked = browse(page, tmp_path)
-    assert "said" in console
-    assert asked
+    tab = chromium.tab()
+    tab.open(page)
+    assert "said" in tab.console
+    assert tab.asked == ["http://127.0.0.1:9/x.png"]
+
+
+def test_policy_stops_scripts_and_styles_that_are_not_ours(
+    chromium: Chromium, make_run: MakeRun, tmp_path: Path
+) -> None:
+    out = tmp_path / "report.html"
+    HtmlReport().write([make_run(Plan())], out)
+    strange = "<script>document.title = 'taken'</script><p id='p' style='color: red' onclick='1'></p></body>"
+    out.write_text(out.read_text("utf-8").replace("</body>", strange), "utf-8")
+    tab = chromium.tab()
+    tab.open(out)
+    assert tab.run("document.title") == "street · fbench"
+    assert tab.run("document.getElementById('p').style.color") == ""

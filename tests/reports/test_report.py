@@ -12,6 +12,7 @@ from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.contracts.faults import FAULTS
 from fbench.replay.contracts.plugins import load
 from fbench.replay.runs.folder import Run
+from fbench.replay.runs.manifest import ConditionEntry
 from fbench.reports.html import HtmlReport
 
 MakeRun = Callable[[Plan], Run]
@@ -38,18 +39,26 @@ def test_scores_are_shown_with_matching_unit_and_counts(make_run: MakeRun, repor
     assert "coverage vehicle all 0.750" in text
 
 
-def test_slices_stand_in_one_table(make_run: MakeRun, report: Write) -> None:
+def test_slices_stand_in_one_table_a_metric(make_run: MakeRun, report: Write) -> None:
     near = [replace(score(m, v), slice="range 0-10 m") for m, v in (("f1", 0.5), ("precision", 0.4), ("recall", 0.6))]
     seen = [replace(score("recall", 0.7), slice="visibility 80-100 %")]
     nothing = [replace(score("recall", None, "no truth boxes"), slice="range 30-50 m")]
     text = report(make_run(Plan(scores=[score("f1", 0.5), *near, *nothing, *seen]))).text
-    assert "Slice Recall Precision F1 range 0-10 m 0.600 0.400 0.500 visibility 80-100 % 0.700 – –" in text
+    assert "F1 late3d class vehicle 0.500 range 0-10 m 0.500 Recall late3d" in text
+    assert "Recall late3d range 0-10 m 0.600 visibility 80-100 % 0.700 Precision late3d range 0-10 m 0.400" in text
 
 
-def test_slices_of_several_runs_stand_side_by_side(make_run: MakeRun, report: Write) -> None:
+def test_slices_of_several_runs_stand_side_by_side_and_missing_ones_are_empty(make_run: MakeRun, report: Write) -> None:
     rows = [score("f1", 0.5), replace(score("recall", 0.6), slice="range 0-10 m")]
     page = report(make_run(Plan(scores=rows)), make_run(Plan(name="b", pipeline="lidar3d", scores=rows[:1])))
-    assert "range 0-10 m 0.600 – – – – –" in page.text
+    assert "Recall late3d lidar3d range 0-10 m 0.600 In each run’s own space" in page.text
+
+
+def test_classes_of_a_run_are_those_of_its_own_space(make_run: MakeRun, report: Write) -> None:
+    """A 3D run is scored in images, too; what a 2D run has in images isn't to be compared with that."""
+    flat = Plan(name="b", pipeline="camera2d", scores=[score("f1", 0.75, matching="iou 0.5")])
+    solid = Plan(scores=[score("f1", 0.5), score("f1", 0.25, matching="iou 0.5")])
+    assert "F1 camera2d late3d class vehicle 0.750 0.500" in report(make_run(flat), make_run(solid)).text
 
 
 def test_null_score_is_a_dash_with_its_reason(make_run: MakeRun, report: Write) -> None:
@@ -66,7 +75,7 @@ def test_board_without_values_is_one_line(make_run: MakeRun, report: Write) -> N
 def test_cards_show_the_counts_of_the_value_and_the_table_all(make_run: MakeRun, report: Write) -> None:
     counts = {"tp": 6, "fp": 1, "fn": 1, "ignored": 9, "similarity_sum": -2.5}
     text = report(make_run(Plan(scores=[score("f1", 0.5, counts=counts)]))).text
-    assert "F1 0.500 tp 6 · fp 1 · fn 1 All scores 1" in text
+    assert "F1 0.500 tp 6 · fp 1 · fn 1 Coverage" in text
     assert "0.500 tp 6 · fp 1 · fn 1 · ignored 9 · similarity_sum −2.500" in text
 
 
@@ -163,8 +172,8 @@ def test_parameters_are_shown_by_dotted_name(make_run: MakeRun, report: Write) -
 def test_runs_stand_side_by_side(make_run: MakeRun, report: Write) -> None:
     other = Plan(name="b", pipeline="camera2d", make_boxes=boxes2d, scores=[score("f1", 0.25)], parameters={"every": 2})
     page = report(make_run(Plan()), make_run(other))
-    assert "F1 0.857 tp 6 · fp 1 · fn 1 0.250" in page.text
-    assert "this run has no such score" in page.text
+    assert "Pipeline 3D Image F1 IDSW F1 late3d 0.857 3 0.500 camera2d 0.250" in page.text
+    assert "no such score" not in page.text.replace("there is no such score", "").replace("the run has no such", "")
     assert "every 1 2" in page.text
     assert [run["label"] for run in page.data["runs"]] == ["late3d", "camera2d"]
 
@@ -174,6 +183,42 @@ def test_runs_of_one_pipeline_are_named_by_folder(make_run: MakeRun, report: Wri
     page = report(first, make_run(Plan(name="b")))
     assert [run["label"] for run in page.data["runs"]] == ["a", "b"]
     assert [run["label"] for run in report(first, first).data["runs"]] == ["1: a", "2: a"]
+
+
+def test_runs_of_one_pipeline_are_named_by_condition_and_mapped(make_run: MakeRun, report: Write) -> None:
+    fog = ConditionEntry(name="fog", version=1, strength="3", level={})
+    runs = [
+        make_run(Plan(name=f"{pipeline}{len(conditions)}", pipeline=pipeline, conditions=conditions, scores=[row]))
+        for pipeline, conditions, row in (
+            ("late3d", [], replace(score("f1", 0.5), low=0.4, high=0.6, interval="95 %")),
+            ("late3d", [fog], score("f1", 0.25)),
+            ("radar3d", [], score("f1", None, "no truth boxes")),
+        )
+    ]  # fmt: skip
+    page = report(*runs)
+    assert [run["label"] for run in page.data["runs"]] == ["late3d · clear", "late3d · fog:3", "radar3d · clear"]
+    assert "Pipeline Space clear fog:3 late3d 3D 50.0 (40.0 to 60.0) 25.0 The same as dots" in page.text
+    assert ("class", "n h5") in page.attributes
+    assert "fbench replay street -p late3d --condition fog:3" in page.text
+
+
+def test_best_of_a_column_is_marked_unless_all_are_equal(make_run: MakeRun, report: Write) -> None:
+    good, bad = (
+        [score("f1", f1), score("idsw", switches), score("recall", 0.5)] for f1, switches in ((0.9, 1), (0.5, 2))
+    )
+    page = report(make_run(Plan(scores=bad)), make_run(Plan(name="b", pipeline="lidar3d", scores=good)))
+    assert [value for name, value in page.attributes if name == "class" and value and "best" in value] == ["n best"] * 2
+
+
+def test_long_values_are_cut(make_run: MakeRun, report: Write) -> None:
+    text = report(make_run(Plan(metadata={"regions": "x" * 5000}))).text
+    assert f"{'x' * 300}… (5000 characters)" in text
+
+
+def test_stages_stand_on_top_of_each_other_against_the_budget(make_run: MakeRun, report: Write) -> None:
+    text = report(make_run(Plan())).text
+    assert "late3d detect.lidar 12.0 ms between stages 70.0 ms 82.0 1 of 4 over" in text
+    assert "budget 100 ms" in text
 
 
 def test_same_notice_is_shared(make_run: MakeRun, report: Write) -> None:
@@ -255,7 +300,7 @@ def test_measured_time_stands_in_one_section(make_run: MakeRun, report: Write) -
 
 
 def test_size_stays_small_without_media(make_run: MakeRun, report: Write) -> None:
-    assert len(report(make_run(Plan())).html) < 120_000
+    assert len(report(make_run(Plan())).html) < 220_000
 
 
 def test_ambiguous_radar_velocities_are_said(make_run: MakeRun, report: Write) -> None:

@@ -25,7 +25,7 @@ def test_html_has_the_tables_first_and_the_runs_below(make_run, tmp_path):
     page = Page(out.read_text("utf-8"))
     for text in ("Accuracy, %", "50.0 83.6", "−25.0", "F1 is 0", "A note.", "failed: <b>", "fbench demo"):
         assert text in page.text
-    assert page.text.index("Accuracy, %") < page.text.index("Log digest") < page.text.index("Scores vehicle")
+    assert page.text.index("Accuracy, %") < page.text.index("Log digest") < page.text.index("Run digest")
     assert "<b>" not in page.html.partition("failed:")[2][:10]
 
 

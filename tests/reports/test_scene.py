@@ -1,6 +1,5 @@
 """The data that the page draws, by hand."""
 
-import base64
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,13 +14,16 @@ from tests.replay.fakes import drive
 from tests.reports.conftest import FORWARD, RIG, Page, Plan, boxes2d, boxes3d, media
 
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
+from fbench.replay.data.details import Details, ObjectTrack, Span, save_details
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.engine.service_queue import LatencyModel
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.media import MediaFrame, Points
-from fbench.reports.html.overview import frame_times, overview
+from fbench.replay.runs.outcomes import save_outcomes
+from fbench.reports.html.latency import frame_times
+from fbench.reports.html.overview import overview
 from fbench.reports.html.records import brief, island, number, round_floats, visible
-from fbench.reports.html.scene import MAX_POINTS, box_rows, scenes
+from fbench.reports.html.scene import box_rows, scenes
 
 MakeRun = Callable[[Plan], Run]
 Write = Callable[..., Page]
@@ -29,10 +31,9 @@ PLAIN = st.text() | st.integers() | st.booleans() | st.none()
 JSON = st.recursive(PLAIN, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner))
 
 
-def cloud(data: Any, frame: dict[str, Any], sensor: str) -> list[list[int]]:
+def cloud(page: Page, frame: dict[str, Any], sensor: str) -> list[list[int]]:
     number = next(c["cloud"] for c in frame["clouds"] if c["sensor"] == sensor)
-    table = np.frombuffer(base64.b64decode(data["clouds"][number]), "<i2").reshape(-1, 4)
-    return [[int(v) for v in row] for row in table]
+    return np.frombuffer(page.inflate(number), "<i2").reshape(4, -1).T.tolist()
 
 
 def test_box_3d_by_hand() -> None:
@@ -154,45 +155,96 @@ def test_box_2d_at_an_impossible_distance_has_no_place(distance: float) -> None:
     assert row["seen"] == ({} if is_invalid else {"cam": {"rect": [10.0, 20.0, 50.0, 60.0], "wire": None}})
 
 
-def test_unknown_velocity_becomes_null(make_run: MakeRun, report: Write) -> None:
+def test_unknown_velocity_is_left_out(make_run: MakeRun, report: Write) -> None:
     def unknown(label: str) -> Boxes3D:
         return Boxes3D(np.array([[10.0, 0, 0]]), np.ones((1, 3)), np.zeros(1), velocity_mps=np.full((1, 3), np.nan))
 
-    frame = report(make_run(Plan(make_boxes=unknown))).data["runs"][0]["frames"][0]
-    assert frame["tracks"][0]["speed"] is None
+    frame = report(make_run(Plan(make_boxes=unknown))).frames()[0]
+    assert "speed" not in frame["tracks"][0]
 
 
-def test_only_kept_frames_are_in_the_page(make_run: MakeRun, report: Write) -> None:
-    frames = report(make_run(Plan())).data["runs"][0]["frames"]
-    assert [frame["index"] for frame in frames] == [0, 2]
-    assert [len(frame["truth"]) for frame in frames] == [1, 1]
+def test_boxes_of_all_frames_are_in_the_page(make_run: MakeRun, report: Write) -> None:
+    page = report(make_run(Plan(failed="ValueError: no points")))
+    frames = page.frames()
+    assert [frame["index"] for frame in frames] == [0, 1, 2, 3]
+    assert [len(frame["truth"]) for frame in frames] == [1, 1, 1, 1]
+    assert [len(frame["tracks"]) for frame in frames] == [1, 1, 0, 1]
+    assert [row for row, _ in page.data["runs"][0]["media"]] == [0, 2]
+    box = frames[1]["tracks"][0]
+    assert box["box"] == [10, 0, 0, 4, 2, 2, 0, 0, 0]
+    assert (box["id"], box["label"], box["score"], box["distance"], box["speed"]) == (7, "car", 0.875, 10, 5)
+    assert box["seen"]["cam"][-2:] == [92, 72]
 
 
-def test_clouds_are_in_centimetres(make_run: MakeRun, report: Write) -> None:
-    data = report(make_run(Plan())).data
-    frame = data["runs"][0]["frames"][0]
-    assert cloud(data, frame, "top") == [[100, -200, 50, -32768], [3000, 400, 100, -32768]]
-    assert cloud(data, frame, "radar") == [[100, -200, 50, -525], [3000, 400, 100, 200]]
+def test_clouds_are_in_centimeters(make_run: MakeRun, report: Write) -> None:
+    page = report(make_run(Plan()))
+    frame = page.frames()[0]
+    assert cloud(page, frame, "top") == [[100, -200, 50, -32768], [3000, 400, 100, -32768]]
+    assert cloud(page, frame, "radar") == [[100, -200, 50, -525], [3000, 400, 100, 200]]
     assert [c["kind"] for c in frame["clouds"]] == ["radar", "lidar"]
 
 
-def test_pictures_are_stored_once_for_all_runs(make_run: MakeRun, report: Write) -> None:
-    data = report(make_run(Plan(name="a")), make_run(Plan(name="b"))).data
-    assert len(data["pictures"]) == 2
-    assert [frame["pictures"]["cam"] for run in data["runs"] for frame in run["frames"]] == [0, 1, 0, 1]
-    assert base64.b64decode(data["pictures"][0]) == media(0).pictures["cam"].jpeg
+def test_what_runs_share_is_stored_once(make_run: MakeRun, report: Write) -> None:
+    page = report(make_run(Plan(name="a")), make_run(Plan(name="b", pipeline="other")))
+    a, b = page.data["runs"]
+    assert a["media"] == b["media"]
+    assert a["chunks"] == b["chunks"]
+    assert page.content(a["media"][0][1]["pictures"]["cam"]) == media(0).pictures["cam"].jpeg
 
 
-def test_large_clouds_are_thinned_evenly(make_run: MakeRun, report: Write) -> None:
-    run = make_run(Plan())
-    xyz = np.zeros((3 * MAX_POINTS, 3), np.float32)
-    xyz[:, 0] = np.arange(len(xyz)) / 100
-    far = Points(xyz, np.full(len(xyz), np.nan, np.float32))
-    vars(run)["media"] = (MediaFrame(0, {}, {"top": far}),)
-    data = report(run).data
-    rows = cloud(data, data["runs"][0]["frames"][0], "top")
-    assert len(rows) == MAX_POINTS
-    assert [row[0] for row in rows[:3]] == [0, 3, 6]
+def with_errors(run: Run) -> Run:
+    """Two missed boxes in frame 3, and a false alarm in 1."""
+    save_outcomes(run.folder, {
+        "truth": {(0, ""): "hit", (1, ""): "hit", (2, ""): "hit", (3, ""): "missed"},
+        "detections": {(0, ""): "hit", (1, ""): "false alarm", (2, ""): "ignored", (3, ""): "hit"},
+    })  # fmt: skip
+    return run
+
+
+def test_boxes_have_their_outcomes(make_run: MakeRun, report: Write) -> None:
+    page = report(with_errors(make_run(Plan())))
+    errors = page.data["runs"][0]["timeline"]["errors"]
+    none = [0, 0, 0, 0]
+    assert errors == {"missed": [0, 0, 0, 1], "alarms": [0, 1, 0, 0], "false_tracks": none, "switches": none}
+    assert [frame["outcomes"] for frame in page.frames()] == [["hit"], ["hit"], ["hit"], ["missed"]]
+    assert [frame["detections"][0]["outcome"] for frame in page.frames()] == ["hit", "false alarm", "ignored", "hit"]
+    assert report(make_run(Plan(name="unscored"))).data["runs"][0]["timeline"]["errors"] is None
+
+
+def test_a_switch_is_where_the_next_track_begins(make_run: MakeRun, report: Write) -> None:
+    """A track that comes back after a gap is no switch."""
+    ends = [(0, 0, 5), (1, 1, None), (2, 2, 5), (3, 3, 8)]
+    spans = tuple(Span(first, last, track) for first, last, track in ends)
+    run = with_errors(make_run(Plan()))
+    save_details(run.folder, Details(objects=(ObjectTrack("car", 7, "", 4, 1, 1, 1, 10.0, spans),)))
+    page = report(run)
+    assert page.data["runs"][0]["timeline"]["errors"]["switches"] == [0, 0, 0, 1]
+    assert [frame["switched"] for frame in page.frames()] == [[], [], [], [7]]
+
+
+def test_budget_keeps_the_frames_with_errors(make_run: MakeRun) -> None:
+    def wide(index: int) -> MediaFrame:
+        xyz = np.random.default_rng(index).normal(0, 20, (9000, 3)).astype(np.float32)
+        return MediaFrame(index, {}, {"top": Points(xyz, np.full(9000, np.nan, np.float32))})
+
+    run = make_run(Plan(num_frames=40))
+    save_outcomes(run.folder, {"truth": {(33, ""): "missed"}})
+    vars(run)["media"] = ()
+    budgets = (25e6, 2e6, 0.5e6, float(scenes([run], ["a"]).store.num_bytes), 0.0)
+    vars(run)["media"] = tuple(wide(index) for index in range(40))
+    sizes = [scenes([run], ["a"], budget) for budget in budgets]
+    assert [s.num_shown for s in sizes[:3]] == [40, 40, 40]
+    assert sizes[0].num_without_media == sizes[1].num_without_media == 0
+    assert sizes[1].store.num_bytes < 2e6 < sizes[0].store.num_bytes  # the clouds are thinned
+    kept = [row for row, _ in sizes[2].content["runs"][0]["media"]]
+    assert {*range(28, 39)} <= {*kept}
+    assert 0 < sizes[2].num_without_media == 40 - len(kept)
+    few = sizes[3].content["runs"][0]["frames"]
+    assert 33 in few
+    assert 0 < len(few) < 40
+    assert sizes[3].num_left_out == 40 - len(few)
+    assert sizes[4].num_shown == 0
+    assert all(s.store.num_bytes <= budget for s, budget in zip(sizes, budgets, strict=True))
 
 
 def test_timeline_has_every_frame(make_run: MakeRun, report: Write) -> None:
@@ -210,7 +262,7 @@ def test_timeline_has_every_frame(make_run: MakeRun, report: Write) -> None:
 def test_unlabelled_frames_have_no_truth_count(make_run: MakeRun, report: Write) -> None:
     data = report(make_run(Plan(truth=False))).data
     assert data["runs"][0]["timeline"]["truth"] == [None] * 4
-    assert data["runs"][0]["frames"][0]["labelled"] is False
+    assert data["runs"][0]["timeline"]["errors"] is None
 
 
 @pytest.mark.parametrize(
@@ -250,18 +302,18 @@ def test_island_keeps_data_and_ends_no_element(value: Any) -> None:
     assert json.loads(text) == round_floats(value)
 
 
-def test_a_dropped_frame_shows_the_output_that_counts_then(tmp_path):
+def test_a_dropped_frame_shows_the_output_that_counts_then(tmp_path, report):
     """With 250 ms, frames 0, 2, 5 and 7 run; at the instant of 3 output 0 is ready, and at that of 6 output 2."""
     run = play(drive(8), tmp_path / "run", latency=LatencyModel(250_000_000), num_media=8)
-    (shown,) = scenes([run], ["echo"])["runs"]
+    (shown,) = scenes([run], ["echo"]).content["runs"]
     line = shown["timeline"]
     assert line["dropped"] == [[1, None], [3, 0], [4, 0], [6, 2]]
     assert [num is None for num in line["tracks"]] == [i in (1, 3, 4, 6) for i in range(8)]
-    boxes = {frame["index"]: [box["id"] for box in frame["tracks"]] for frame in shown["frames"]}
+    boxes = {frame["index"]: [box["id"] for box in frame["tracks"]] for frame in report(run).frames()}
     assert boxes == {0: [1], 1: [], 2: [2], 3: [1], 4: [1], 5: [3], 6: [2], 7: [4]}
     times = frame_times(run)
     assert [ms is None for ms in times] == [i in (1, 3, 4, 6) for i in range(8)]
     assert overview(run, "echo").dropped == 4
     lockstep = play(drive(2), tmp_path / "lockstep")
-    assert scenes([lockstep], ["echo"])["runs"][0]["timeline"]["dropped"] == []
+    assert scenes([lockstep], ["echo"]).content["runs"][0]["timeline"]["dropped"] == []
     assert overview(lockstep, "echo").dropped is None
