@@ -55,7 +55,8 @@ def latency_stacks(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]
     means = [{s.stage: s.mean_ms or 0.0 for s in table.stages} for _, table in timed]
     totals = [own.get("total", sum(own.values())) for own in means]
     budgets = list(dict.fromkeys(table.budget_ms for _, table in timed))
-    scale = max(*totals, *budgets, 1e-9) * 1.06
+    ends = [sum(ms for name, ms in own.items() if name != "total") for own in means]  # parallel stages may sum to more
+    scale = max(*totals, *ends, *budgets, 1e-9) * 1.06
     rows = []
     for (label, table), own, total in zip(timed, means, totals, strict=True):
         parts, start = [], 0.0
