@@ -92,13 +92,17 @@ class Experiment:
         return [CLEAR, *light, *DISTURBANCES] if self.disturbed else []
 
     def cells(self) -> list[ExperimentCell]:
-        """Return all cells, drive by drive; only runs in clear weather keep pictures, so that a report stays small."""
+        """Return all cells, drive by drive; only the runs that the report shows keep pictures."""
         return [
             *(self._cell(drive, row) for drive in self.drives for row in self.pipelines),
             *(self._cell(drive, row, drive.condition) for drive in self.rendered for row in self._detecting),
             *(self._cell(drive, row, name) for drive in self.disturbed for name in (CLEAR, *DISTURBANCES)
               for row in self._detecting if name == CLEAR or uses(row, DISTURBANCES[name])),
         ]  # fmt: skip
+
+    @property
+    def _shown(self) -> Drive | None:
+        return next((drive for drive in self.drives if drive.condition == CLEAR), None)
 
     @property
     def _detecting(self) -> list[SuitePipeline]:
@@ -114,7 +118,7 @@ class Experiment:
             list(row.sensors), to=f"{DISTURBED_S:g}" if injected else None,
             condition=DISTURBANCES.get(disturbance, "") if injected else "",
             out=self.folder / name / row.name, overwrite=True, scoring=self.scoring,
-            no_media=bool(disturbance) or drive.condition != CLEAR,
+            no_media=bool(disturbance) or drive != self._shown,
         ), disturbance)  # fmt: skip
 
     def name_cells(self, done: Done) -> list[tuple[SuiteCell, CellResult]]:
