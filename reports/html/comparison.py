@@ -45,7 +45,7 @@ def write_comparison(comparison: Comparison, pairs: Pairs, names: tuple[str, str
     )
     objects = sorted(comparison.objects, key=lambda o: o.kind not in _WORSE)  # What got worse first, else as it was
     stages = {d.cell: d.stage for d in comparison.divergences}
-    clips, runs, of = _clips(objects[:_MOST_OBJECTS], pairs, names)
+    clips, runs, of = _clips(comparison, objects[:_MOST_OBJECTS], pairs, names)
     scene = scenes([run for _, run in runs], [label for label, _ in runs], BUDGET_MB * 1e6, clips)
     shown_rows = [set(run["frames"]) for run in scene.content["runs"]]
     there = {n for n, clip in enumerate(scene.content["clips"]) if clip["rows"][0] in shown_rows[clip["runs"][0]]}
@@ -78,7 +78,7 @@ def write_comparison(comparison: Comparison, pairs: Pairs, names: tuple[str, str
 
 
 def _clips(
-    objects: Sequence[ObjectChange], pairs: Pairs, names: tuple[str, str]
+    comparison: Comparison, objects: Sequence[ObjectChange], pairs: Pairs, names: tuple[str, str]
 ) -> tuple[list[Clip], list[tuple[str, Run]], list[int | None]]:
     """Return a clip for each changed object whose runs are there, the runs that clips show with their labels, and the
     number of the clip of each object.
@@ -92,12 +92,18 @@ def _clips(
             continue
         for name, run in own:
             runs.setdefault((name, change.cell), run)
-        kind: Literal["truth", "detections"] = "detections" if change.kind == "NEW FALSE ALARM" else "truth"
+        kind: Literal["truth", "detections", "tracks"] = "truth"
+        if comparison.without_labels:  # Changes are of tracks then
+            kind = "tracks"
+        elif change.kind == "NEW FALSE ALARM":
+            kind = "detections"
         places = list(runs)
-        clips.append(Clip(
-            f"{change}", tuple(places.index((name, change.cell)) for name, _ in own), change.frames, kind,
-            None if kind == "detections" else change.track_id, change.xy_m,
-        ))  # fmt: skip
+        shown = tuple(places.index((name, change.cell)) for name, _ in own)
+        # Truth is the same on both sides; tracks and detections are those of one.
+        of_head = change.kind in ("FOUND", "NEW FALSE ALARM")
+        marked = shown if kind == "truth" else shown[-1:] if of_head else shown[:1]
+        track_id = None if kind == "detections" else change.track_id
+        clips.append(Clip(f"{change}", shown, change.frames, marked, kind, track_id, change.xy_m))
     several = len({cell for _, cell in runs}) > 1
     return clips, [(f"{name}: {cell}" if several else name, run) for (name, cell), run in runs.items()], of
 

@@ -1,7 +1,8 @@
-// Errors over time as a strip above the slider, and the way from one to the next.
+// Errors over time as a strip above the slider, and the way from one to the next: misses, and false alarms or switches.
 const errorsAt = (footage, row, only) => {
   const { errors } = footage.line;
   if (!errors) return [0, 0];
+  if (only === "switch") return [0, errors.switches[row]];
   const alarms = Math.max(errors.alarms[row], errors.false_tracks[row]);
   return [only === "alarm" ? 0 : errors.missed[row], only === "missed" ? 0 : alarms];
 };
@@ -26,7 +27,7 @@ function drawErrors(canvas, footage, only, shown) {
   ctx.fillRect((shown + .5) * step - 1, 0, 2, height);
 }
 
-const matches = (box, only) => isWrong(box) && (!only || only === "wrong" || (only === "missed") === (box.outcome === "missed"));
+const matches = (box, only) => only === "switch" ? Boolean(box.switched) : isWrong(box) && (!only || only === "wrong" || (only === "missed") === (box.outcome === "missed"));
 
 // Whether a frame has an error that the filter leaves: of a class, a kind, an object.
 function hasError(frame, { label, only, object }) {

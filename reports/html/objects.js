@@ -29,6 +29,7 @@ function objectRow(kind, box, use) {
   name.append(button);
   if (box.predicted) name.append(element("span", " predicted", "quiet"));
   if (box.invalid) name.append(element("span", " invalid, not drawn", "quiet"));
+  if (box.switched) name.append(element("span", " its track changes", "wrong"));
   if (box.ignore) name.append(element("span", " ignored", "quiet"));
   const speed = known(box.speed) && !isSolid(box) ? `${speedText(box)} radial` : speedText(box) || "–";
   row.append(name, element("td", box.outcome || "–", isWrong(box) ? "wrong" : ""), element("td", kind === "truth" ? "–" : sourceNames(box.sources)),

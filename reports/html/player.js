@@ -164,12 +164,14 @@ async function showFrame(at) {
   const missing = line.missing.filter(([index]) => index === i).map(([, sensor, why]) => `${short(sensor, 30)} missing (${short(why, 40)})`);
   const failed = line.failed.filter(([index]) => index === i).map(([, why]) => `failed: ${short(why, 80)}`);
   const [missed, alarms] = errorsAt(footage(), i, "");
-  const errors = [missed ? `${missed} missed` : "", alarms ? `${alarms} false` : ""].filter(Boolean);
+  const switches = line.errors?.switches[i];
+  const errors = [missed ? `${missed} missed` : "", alarms ? `${alarms} false` : "", switches ? `${switches} switched` : ""].filter(Boolean);
   const words = [`Frame ${line.first + i} of ${line.t.length}`, fixed(line.t[i], 2, " s"), `segment ${line.segment[i]}`, ...errors, ...missing, ...failed, ...droppedWords(line, i)];
   $("where").textContent = (known(line.truth[i]) ? words : [...words, "no truth"]).join(" · ");
   $("frame").setAttribute("aria-valuetext", words.slice(0, 2).join(", "));
   drawErrors($("errors"), footage(), $("only").value, state.at);
-  if (!state.playing) strips.forEach((strip, number) => strip.draw(number === state.run ? i : null));
+  clearTimeout(state.strips); // All frames of all runs are much to draw
+  if (!state.playing) state.strips = setTimeout(() => strips.forEach((strip, number) => strip.draw(number === state.run ? i : null)), 120);
   const frame = await footage().load(state.at);
   if (wanted !== state.wanted) return undefined; // meanwhile another one was asked for
   showCameras(frame);
@@ -251,7 +253,9 @@ function ahead(at) {
 }
 
 async function jump(direction) {
+  const { wanted } = state;
   const at = await findError(footage(), state.at, direction, filter());
+  if (wanted !== state.wanted) return undefined; // meanwhile another frame was asked for
   if (known(at)) return step(at);
   $("where").textContent = `No ${direction > 0 ? "later" : "earlier"} frame has such an error`;
   return undefined;
@@ -295,8 +299,9 @@ function showClip(clip, first = false) {
 // What a clip is about, on one side: the box by its kind and id, or the nearest one to where it was at first.
 function clipMark(side) {
   if (!state.clip || !sides()[side]) return null;
-  const { kind, id, xy } = state.clip.mark;
+  const { kind, id, xy, runs } = state.clip.mark;
   const [number, at] = sides()[side];
+  if (!runs.includes(number)) return null;
   const boxes = footages[number].get(at)?.[kind] ?? [];
   const far = (box) => xy && place(box) ? Math.hypot(place(box)[0] - xy[0], place(box)[1] - xy[1]) : Infinity;
   const near = (best, box) => far(box) < far(best ?? {}) ? box : best;

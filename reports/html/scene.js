@@ -252,7 +252,7 @@ function extent(frames) {
   for (const frame of frames) {
     for (const box of [...frame.truth, ...frame.tracks, ...frame.detections].filter(place)) {
       const [x, y] = place(box);
-      if (x < -60 || x > 80 || Math.abs(y) > 45) continue;
+      if (box.ignore || x < -20 || x > 70 || Math.abs(y) > 30) continue;
       back = Math.min(back, x - 5);
       front = Math.max(front, x + 5);
       side = Math.max(side, Math.abs(y) + 4);

@@ -6,7 +6,7 @@ import zlib
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes, Boxes2D, Boxes3D, finite
+from fbench.replay.data.details import load_details
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import is_pinhole, project_body, project_boxes, project_edges, rays
 from fbench.replay.geometry.iou import corners
@@ -167,6 +168,7 @@ class Clip:
     title: str
     runs: tuple[int, ...]  # Their places among the runs of the page
     frames: tuple[int, int]  # Index of the first and the last frame
+    marked: tuple[int, ...]  # Those among the runs in which it can be marked
     kind: Literal["truth", "detections", "tracks"]
     track_id: int | None = None
     xy_m: tuple[float, float] | None = None  # Where it is in the first of the frames, in body coordinates
@@ -238,7 +240,7 @@ def _describe_clip(clip: Clip, first: "_Shown") -> dict[str, Any]:
     """Describe a clip for the page: `rows` of its first run, and how many frames `lead` to what it is about."""
     rows = first.rows_of(clip.frames)
     lead = sum(first.run.frames[row].index < clip.frames[0] for row in rows)
-    mark = {"kind": clip.kind, "id": clip.track_id, "xy": clip.xy_m}
+    mark = {"kind": clip.kind, "id": clip.track_id, "xy": clip.xy_m, "runs": clip.marked}
     ends = [rows[0], rows[-1]] if rows else [0, 0]
     return {"title": clip.title, "runs": clip.runs, "rows": ends, "lead": lead, "mark": mark}
 
@@ -299,6 +301,7 @@ class _Shown:
         self.rows, self.current = row_numbers(run), current_rows(run)
         self.start_ns = run.frames[0].stamp_ns if run.frames else 0
         self.log = run.manifest.data_key
+        self.switched = self._find_switches()
         self.errors, self.timeline = self._count_errors(), timeline(run)
         self.order: list[int] = []
         self._boxes: dict[int, tuple[Any, Any]] = {}
@@ -324,6 +327,17 @@ class _Shown:
         """Frames whose boxes are at hand."""
         return len(self.order)
 
+    def _find_switches(self) -> dict[int, list[int]]:
+        """Return the ids of the truth objects whose track changes, by the row of the frame."""
+        found: dict[int, list[int]] = {}
+        details = load_details(self.run.folder)
+        for one in details.objects if details else ():
+            spans = [span for span in one.spans if span.track_id is not None]
+            for before, span in pairwise(spans):
+                if before.track_id != span.track_id and span.first_frame in self.rows:
+                    found.setdefault(self.rows[span.first_frame], []).append(one.track_id)
+        return found
+
     def _count_errors(self) -> dict[str, Int64]:
         """Count what was missed, and false alarms of detections and tracks, in each frame (F,)."""
         counts = {}
@@ -334,6 +348,8 @@ class _Shown:
             frames = self._table(name).frames[rows].tolist() if rows else []
             number = [self.rows[index] for index in frames if index in self.rows]
             counts[kind] = np.bincount(np.array(number, np.int64), minlength=len(self.run.frames))
+        ids = [self.switched.get(row, ()) for row in range(len(self.run.frames))]
+        counts["switches"] = np.array([len(own) for own in ids], np.int64)
         return counts
 
     def _table(self, name: str) -> BoxTable:
@@ -392,6 +408,7 @@ class _Shown:
         for row in chosen:
             frame, pose = self.run.frames[row], self.run.poses[row]
             results[row] |= {
+                "switched": self.switched.get(row, []),
                 "outcomes": self._outcomes_of_truth(row, len(truth[row])),
                 "labelled": frame.truth_stamp_ns is not None,
                 "cameras": _sizes(self.run.manifest.rig_of(frame.segment)),

@@ -100,9 +100,9 @@ class Footage {
   unfold(at, truth, results) {
     if (!this.made.has(at)) {
       const [row, i] = [this.rows[at], at % data.chunk];
-      const { outcomes, cameras, ...rest } = results[i];
+      const { outcomes, cameras, switched, ...rest } = results[i];
       const sides = ["detections", "tracks"].map((name) => [name, rest[name].map((box) => unfold(box, box.outcome, cameras))]);
-      const boxes = truth[i].map((box, n) => unfold(box, outcomes[n], cameras));
+      const boxes = truth[i].map((box, n) => ({ ...unfold(box, outcomes[n], cameras), switched: switched.includes(box.id) }));
       this.made.set(at, { ...rest, ...Object.fromEntries(sides), index: row, cameras, truth: boxes, media: this.media(row) });
       if (this.made.size > 400) this.made.delete(this.made.keys().next().value);
     }

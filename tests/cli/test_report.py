@@ -144,3 +144,29 @@ def test_view_errors(fbench):
     Path("folder").mkdir()
     Path("folder/report.html").write_text("x")
     assert "port 70000" in fbench("view", "folder", "--port", "70000").err
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--budget-mb", "0"], "expected a positive number of MB, got 0"),
+        (["--budget-mb", "nan"], "expected a positive number of MB, got nan"),
+        (["--budget-mb", "3", "--kind", "other"], "is for reports of kind html, not other"),
+        (["--rerun", "run.mcap"], "a Rerun recording ends in .rrd"),
+    ],
+)
+def test_refused_options(fbench, place, options, why):
+    result = fbench("report", place / "run", "-o", "small.html", *options)
+    assert result.code == 2
+    assert why in result.err
+
+
+def test_rerun_shows_one_run(fbench, place):
+    runs = [place / "run", place / "run"]
+    assert "--rerun shows one RUN" in fbench("report", *runs, "--rerun", "run.rrd").err
+    assert "--rerun shows one RUN" in fbench("view", *runs, "--rerun").err
+
+
+def test_budget_makes_a_small_report(fbench, place):
+    assert fbench("report", place / "run", "-o", "small.html", "--budget-mb", "0.3").code == 0
+    assert Path("small.html").stat().st_size < 300_000

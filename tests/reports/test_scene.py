@@ -14,6 +14,7 @@ from tests.replay.fakes import drive
 from tests.reports.conftest import FORWARD, RIG, Page, Plan, boxes2d, boxes3d, media
 
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
+from fbench.replay.data.details import Details, ObjectTrack, Span, save_details
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.engine.service_queue import LatencyModel
 from fbench.replay.runs.folder import Run
@@ -203,10 +204,22 @@ def with_errors(run: Run) -> Run:
 def test_boxes_have_their_outcomes(make_run: MakeRun, report: Write) -> None:
     page = report(with_errors(make_run(Plan())))
     errors = page.data["runs"][0]["timeline"]["errors"]
-    assert errors == {"missed": [0, 0, 0, 1], "alarms": [0, 1, 0, 0], "false_tracks": [0, 0, 0, 0]}
+    none = [0, 0, 0, 0]
+    assert errors == {"missed": [0, 0, 0, 1], "alarms": [0, 1, 0, 0], "false_tracks": none, "switches": none}
     assert [frame["outcomes"] for frame in page.frames()] == [["hit"], ["hit"], ["hit"], ["missed"]]
     assert [frame["detections"][0]["outcome"] for frame in page.frames()] == ["hit", "false alarm", "ignored", "hit"]
     assert report(make_run(Plan(name="unscored"))).data["runs"][0]["timeline"]["errors"] is None
+
+
+def test_a_switch_is_where_the_next_track_begins(make_run: MakeRun, report: Write) -> None:
+    """A track that comes back after a gap is no switch."""
+    ends = [(0, 0, 5), (1, 1, None), (2, 2, 5), (3, 3, 8)]
+    spans = tuple(Span(first, last, track) for first, last, track in ends)
+    run = with_errors(make_run(Plan()))
+    save_details(run.folder, Details(objects=(ObjectTrack("car", 7, "", 4, 1, 1, 1, 10.0, spans),)))
+    page = report(run)
+    assert page.data["runs"][0]["timeline"]["errors"]["switches"] == [0, 0, 0, 1]
+    assert [frame["switched"] for frame in page.frames()] == [[], [], [], [7]]
 
 
 def test_budget_keeps_the_frames_with_errors(make_run: MakeRun) -> None:

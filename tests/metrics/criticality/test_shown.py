@@ -19,6 +19,6 @@ def test_scoring_writes_them_and_the_report_begins_with_them(tmp_path: Path) -> 
     assert len(errors) == 4
     assert {row.metric: row.value for row in scored.scores if row.class_ == "vehicle"}["critical_misses"] == 3
     html = page([scored])
-    assert html.index("<h2>Critical errors</h2>") < html.index("<h2>Scores</h2>")
+    assert html.index("<h2>Critical errors</h2>") < html.index("<h2>Frames</h2>")
     assert "car #1" in html
     assert "0.5-0.7 s, frame 5-7" in html

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.reports.conftest import Page
 
 from fbench.cli import main
 from fbench.datasets.importing.run import import_one
@@ -19,7 +20,7 @@ from fbench.replay.engine.loop import replay
 from fbench.replay.engine.plan import Plan
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.folder import Run
-from fbench.reports.html.scene import scenes
+from fbench.reports.html.page import page
 
 PERIOD_NS = 100_000_000
 CAMERA = Mount("camera", np.zeros(3), np.array([0.5, -0.5, 0.5, -0.5]))
@@ -117,7 +118,7 @@ def test_a_run_in_which_nothing_was_timed_says_so(log, tmp_path, monkeypatch, ca
 
 
 def test_a_report_shows_boxes_where_nothing_was_measured(log, tmp_path):
-    (content,) = scenes([run(log, tmp_path / "run")], ["one"])["runs"]
-    assert [frame["index"] for frame in content["frames"]] == list(range(10))
-    assert [len(frame["truth"]) for frame in content["frames"]] == [1] * 10
-    assert [len(frame["tracks"]) for frame in content["frames"]] == [1, 1, 1, 0, 1, 1, 1, 1, 1, 1]
+    frames = Page(page([run(log, tmp_path / "run")])).frames()
+    assert [frame["index"] for frame in frames] == list(range(10))
+    assert [len(frame["truth"]) for frame in frames] == [1] * 10
+    assert [len(frame["tracks"]) for frame in frames] == [1, 1, 1, 0, 1, 1, 1, 1, 1, 1]
