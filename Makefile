@@ -27,8 +27,8 @@ detector: $(VENV)/ready
 test: lint
 	$(PYTEST) -m "not slow"
 
-# What `make test` leaves out: slow tests, and those that need torch, which weighs gigabytes, or CARLA's client.
-test-all: test $(VENV)/ready-torch $(VENV)/ready-carla
+# What `make test` leaves out: slow tests, and those that need torch, which weighs gigabytes, CARLA's client, or Rerun.
+test-all: test $(VENV)/ready-torch $(VENV)/ready-carla $(VENV)/ready-rerun
 	$(PYTEST) -m "slow or torch"
 
 # Damages and edits all kinds of input; see docs/faults.md.

@@ -35,6 +35,7 @@ def read(path: Path) -> dict[str, dict[str, list[Any]]]:
     return found
 
 
+@pytest.mark.slow
 @needs_rerun
 def test_recording_holds_the_run(make_run: MakeRun, tmp_path: Path) -> None:
     run = make_run(Plan())
@@ -54,6 +55,7 @@ def test_recording_holds_the_run(make_run: MakeRun, tmp_path: Path) -> None:
     assert picture == run.media[0].pictures["cam"].jpeg
 
 
+@pytest.mark.slow
 @needs_rerun
 def test_rectangles_are_in_pixels_of_the_picture(make_run: MakeRun, tmp_path: Path) -> None:
     run = make_run(Plan(make_boxes=boxes2d))
@@ -64,6 +66,7 @@ def test_rectangles_are_in_pixels_of_the_picture(make_run: MakeRun, tmp_path: Pa
     assert flat["Boxes2D:half_sizes"][0] == [[10, 10]]
 
 
+@pytest.mark.slow
 @needs_rerun
 def test_hostile_names_are_shown(make_run: MakeRun, tmp_path: Path) -> None:
     content = read(write_recording(make_run(hostile_plan()), tmp_path / "run.rrd"))
