@@ -21,7 +21,7 @@ from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
     from fbench.api.suites.logs import Drive
-    from fbench.api.suites.suite import SuiteLog, SuitePipeline
+    from fbench.api.suites.suite import SuitePipeline
     from fbench.cli.experiment import Done, Experiment
     from fbench.datasets.city.request import Split
     from fbench.replay.data.scores import Results
@@ -36,19 +36,19 @@ def demo(
         Option(help="Run the full suite, with seeds to develop on (dev) or to report (test)."),
     ] = None,
     seconds: Annotated[
-        float | None, Option(metavar="S", help="Length of each log, in s (default: 1.5; with --split: 10).")
+        float | None, Option(metavar="S", help="Length of each log, in s (default: 1 to 1.5; with --split: 10).")
     ] = None,
     num_seeds: Annotated[int | None, Option(metavar="N", min=1, help="Only the first N seeds of the split.")] = None,
     sensors: Annotated[
         list[str] | None,
         Option(
             metavar="PATTERN",
-            help="Sensors to simulate (default: camera, lidar, radar; '*': the stereo pair, too); repeatable.",
+            help="Sensors to simulate (default: camera, lidar, radar; with --split: all); repeatable.",
         ),
     ] = None,
     jobs: options.Jobs = None,
 ) -> None:
-    """Simulate drives through a city in all weathers, replay them into all pipelines, and compare.
+    """Simulate drives through a city in clear and bad weather, replay each into many pipelines, and compare.
 
     Logs and runs that exist already aren't made again.
     """
@@ -64,7 +64,7 @@ def make_experiment(
     """
     from fbench.api.suites.file import SuiteText
     from fbench.api.suites.plan import make_suite
-    from fbench.cli.experiment import CLEAR, NUM_DISTURBED, RENDERED, Experiment
+    from fbench.cli.experiment import CLEAR, DISTURBED_S, NUM_DISTURBED, RENDERED, Experiment
     from fbench.datasets.city.request import SEEDS
     from fbench.datasets.city.spec import CitySpec
 
@@ -84,19 +84,28 @@ def make_experiment(
         content = re.sub(r"(?m)^seed = .*$", f"seed = {list(SEEDS[split][:num_seeds])}", content)
     if sensors:
         content = re.sub(r"(?m)^sensors = .*$", lambda _: f"sensors = {json.dumps(list(sensors))}", content)
+    absent = _absent(sensors)
+    if "camera" in absent:
+        content = re.sub(r"(?m)^cameras = .*$", "cameras = []", content)
     suite = make_suite(SuiteText(content.encode(), name), Path(), out)
-    rows = tuple(_fit(row, sensors, suite.logs) for row in suite.pipelines)
+    rows = tuple(_fit(row, absent) for row in suite.pipelines if not set(row.sensors) or set(row.sensors) - absent)
+    left_out = [f"{row.name} (the drives are without {', '.join(row.sensors)}, see --sensors)"
+                for row in suite.pipelines if row.sensors and not set(row.sensors) - absent]  # fmt: skip
     drives = sorted((log.drive for log in suite.logs if log.drive is not None), key=lambda drive: drive.spec.seed)
     if split is None:
         drives = [log.drive for log in suite.logs if log.drive is not None]
         drives[0] = replace(drives[0], log=out / "city.mcap")  # the one that people go on with
     disturbed: tuple[Drive, ...] = ()
     rendered: tuple[Drive, ...] = ()
-    if split is not None:
+    if split is not None and drives[0].spec.seconds < DISTURBED_S:
+        left_out.append(f"other disturbances (they need drives of {DISTURBED_S:g} s)")
+    elif split is not None:
         few = SEEDS[split][:num_seeds][:NUM_DISTURBED]
         disturbed = tuple(d for d in drives if d.condition == CLEAR and d.spec.seed in few)
         rendered = tuple(_in_light(drive, light, out) for light in RENDERED for drive in disturbed)
-    return Experiment(tuple(drives), rows, out, command, content, disturbed, rendered, suite.options.scoring)
+    return Experiment(
+        tuple(drives), rows, out, command, content, disturbed, rendered, suite.options.scoring, tuple(left_out)
+    )
 
 
 def _in_light(drive: "Drive", light: str, out: Path) -> "Drive":
@@ -106,18 +115,21 @@ def _in_light(drive: "Drive", light: str, out: Path) -> "Drive":
     from fbench.cli.experiment import DISTURBED_S
     from fbench.datasets.city.spec import condition
 
-    own = Drive(replace(drive.spec, condition=condition(light), seconds=min(DISTURBED_S, drive.spec.seconds)), Path())
+    own = Drive(replace(drive.spec, condition=condition(light), seconds=DISTURBED_S), Path())
     return replace(own, log=out / LOGS / f"{own.name}.mcap")
 
 
-def _fit(row: "SuitePipeline", patterns: Sequence[str], logs: "Sequence[SuiteLog]") -> "SuitePipeline":
-    """A row without settings and sensors that the drives lack, where `--sensors` names which they have."""
+def _absent(patterns: Sequence[str]) -> set[str]:
+    """Sensors that drives lack where `--sensors` names which they have."""
     from fbench.datasets.city.rig import thesis_rig
+    from fbench.replay.contracts.sensor_settings import choose_sensors, make_sensors
 
-    drives = [log.drive for log in logs if log.drive is not None]
-    if not patterns or not drives:
-        return row
-    absent = set(thesis_rig().names) - set(drives[0].spec.rig.names)
+    names = thesis_rig().names
+    return set(names) - set(choose_sensors(names, make_sensors(patterns))) if patterns else set()
+
+
+def _fit(row: "SuitePipeline", absent: set[str]) -> "SuitePipeline":
+    """A row without settings and sensors that the drives lack."""
     settings = tuple(text for text in row.settings if text.partition(".")[0] not in absent)
     return replace(row, settings=settings, sensors=tuple(name for name in row.sensors if name not in absent))
 

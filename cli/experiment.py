@@ -79,6 +79,7 @@ class Experiment:
     disturbed: tuple[Drive, ...] = ()  # In clear weather, of which the beginning is disturbed
     rendered: tuple[Drive, ...] = ()  # In other light, as long as that beginning
     scoring: ScoreOptions = field(default_factory=ScoreOptions)
+    left_out: tuple[str, ...] = ()  # What these drives can't show, and why
 
     @property
     def conditions(self) -> list[str]:
@@ -168,7 +169,7 @@ def results_of(experiment: Experiment, done: Done) -> Results:
         if cell.drive.condition == CLEAR:
             cold = warm_up_frames(run.frame_times, run.compiled_frames)
             timings[cell.name].append(count_frames(run.frame_times, cold))
-    host, facts, problems = describe_host(), tuple(_facts(experiment, runs)), tuple(_problems(done, runs))
+    host, facts, problems = describe_host(), tuple(_facts(experiment, runs)), tuple(_problems(experiment, done, runs))
     where = f"{host['cpu']}, {host['cores']} cores"
     note = f"Wall time on {where}; other replays may have run beside it, and it differs from run to run."
     measured = replace(tables.latency_table(timings), notes=(note,))
@@ -260,7 +261,8 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[ExperimentCell, Run]]) -
     yield "versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())
 
 
-def _problems(done: Done, runs: Sequence[tuple[ExperimentCell, Run]]) -> Iterator[str]:
+def _problems(experiment: Experiment, done: Done, runs: Sequence[tuple[ExperimentCell, Run]]) -> Iterator[str]:
+    yield from (f"left out: {what}" for what in experiment.left_out)
     unfit = {cell.name: (cell.drive, result.reason) for cell, result in done if result.state == "unfit"}
     for pipeline, (drive, reason) in unfit.items():
         absent = [name for name in thesis_rig().names if name not in drive.spec.rig.names]

@@ -250,7 +250,9 @@ def show_summary(results: Results) -> None:
         clear, mota = (format_figure(figure, "share") for figure in line.figures[:2])
         grid.add_row(line.name, line.space, clear, shown, mota.partition(" ")[0])
     console().print(grid)
-    say("F1: 100 if nothing is missed and nothing else reported; in brackets: 95 % of resamples. MOTA: of tracks.")
+    has_intervals = any(line.figures[0].low is not None for line in accuracy.lines)
+    intervals = "; in brackets: 95 % of resamples" if has_intervals else ""
+    say(f"F1: 100 if nothing is missed and nothing else reported{intervals}. MOTA: of tracks.")
     say(*(text for text in results.problems if not text.startswith("missing:")))
 
 

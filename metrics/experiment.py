@@ -57,7 +57,7 @@ _NAMES = (
 _SINGLE = ("camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d")
 _FUSED = ("early2d", "early3d", "late2d", "late3d")
 _PAIRS = (
-    ("early2d", "late2d"), ("late3d", "early3d"), ("early3d-stereo", "early3d"), ("late2d-stereo", "late2d"),
+    ("early2d", "late2d"), ("early3d", "late3d"), ("early3d-stereo", "early3d"), ("late2d-stereo", "late2d"),
 )  # fmt: skip
 """What is compared besides: early with late fusion, and fusion with stereo and without."""
 _PREFIXES = ("", "thesis/")

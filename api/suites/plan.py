@@ -93,6 +93,7 @@ def make_suite(text: SuiteText, beside: Path, out: Path) -> Suite:
             with _Place(text, log.place):
                 replace(options, log=log.request).resolve()
     _require_regions(text, logs)
+    _require_cameras(text, logs)
     return suite
 
 
@@ -226,6 +227,21 @@ def _require_regions(text: SuiteText, logs: Sequence[SuiteLog]) -> None:
     for number, kind in enumerate(kinds):
         if kind not in known:
             raise text.error(("scoring", "regions", number), f"no log has a region '{kind}'{did_you_mean(kind, known)}")
+
+
+def _require_cameras(text: SuiteText, logs: Sequence[SuiteLog]) -> None:
+    """Refuse cameras to score that none of the logs has, where all logs are."""
+    cameras = text.file.scoring.cameras
+    if not cameras or any(log.url for log in logs):
+        return
+    known: dict[str, None] = {}
+    for log in logs:
+        with _Place(text, log.place), suppress(LogError):
+            rig = log_source(log.request).open(FaultLog()).rig if log.drive is None else log.drive.spec.rig.rig()
+            known |= dict.fromkeys(rig.sensors("camera"))
+    for number, name in enumerate(cameras):
+        if name not in known:
+            raise text.error(("scoring", "cameras", number), f"no log has a camera '{name}'{did_you_mean(name, known)}")
 
 
 def _plan_simulated(text: SuiteText, place: Place, table: LogTable, out: Path) -> Iterator[SuiteLog]:

@@ -108,7 +108,8 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     bent = [name for name in images.cameras if name in known and not_projectable(known[name]) is not None]
     if not images.cameras:
         is_there = bool(run.manifest.rig.sensors("camera"))
-        reason = (reason or "no camera is calibrated") if is_there else "no cameras"
+        which = f"the run has no camera called {' or '.join(sorted(options.cameras))}" if options.cameras else ""
+        reason = (reason or which or "no camera is calibrated") if is_there else "no cameras"
     elif unknown and (derived or isinstance(table.boxes, Boxes3D)):
         reason = f"camera '{unknown[0]}' has no intrinsics"
     elif bent and (derived or isinstance(table.boxes, Boxes3D)):

@@ -140,6 +140,23 @@ def test_drives_are_disturbed_that_give_intervals_and_only_for_pipelines_that_us
     ]
 
 
+def test_rows_whose_sensors_the_drives_lack_are_left_out():
+    what = make_experiment(Path("suite"), "dev", None, 1, ["stereo*", "lidar"])
+    names = {row.name: row.sensors for row in what.pipelines}
+    assert "camera2d" not in names  # it would take the pair's images
+    assert names["lidar3d"] == ("lidar",)
+    assert names["stereo3d"] == ("stereo_left", "stereo_right")
+    assert "camera2d (the drives are without camera, see --sensors)" in what.left_out
+    assert what.scoring.cameras == ()
+
+
+def test_drives_too_short_to_lose_a_sensor_are_not_disturbed():
+    what = make_experiment(Path("suite"), "dev", 1.0, None)
+    assert (what.disturbances, what.disturbed, what.rendered) == ([], (), ())
+    assert what.left_out == ("other disturbances (they need drives of 2 s)",)
+    assert not make_experiment(Path("suite"), "dev", 2.0, None).left_out
+
+
 @pytest.mark.parametrize(("seconds", "text"), [(3.0, "3"), (0.3, "0.3"), (1234.5678, "1234.5678")])
 def test_the_command_does_the_same_again(seconds, text):
     assert make_experiment(Path("demo"), None, seconds, None).command == f"fbench demo --seconds {text}"

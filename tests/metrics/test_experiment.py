@@ -6,6 +6,7 @@ from fbench.metrics.experiment import (
     accuracy_table,
     condition_table,
     configurations,
+    disturbance_table,
     gain_table,
     latency_table,
     robustness_table,
@@ -164,3 +165,20 @@ def test_stereo_is_compared_with_the_same_fusion_without():
 def test_tables_of_the_region_have_names_of_their_own():
     assert accuracy_table(RUNS, region=True).name == "accuracy_region"
     assert robustness_table(RUNS, ["clear", "fog"], region=True).title.endswith("road and sidewalk only, %")
+
+
+def test_disturbances_are_compared_with_the_same_drives_undisturbed():
+    runs = [
+        ScoredRun("late3d", name, f"urban-{scene}", scores(tp, 0, 10 - tp, "3D"))
+        for scene in range(5)
+        for name, tp in (("clear", 8), ("lidar lost", 4 if scene else 8))
+    ]
+    table = disturbance_table(runs, ["clear", "lidar lost"], ["As said."])
+    assert (table.name, [column.name for column in table.columns]) == ("disturbances", ["lidar lost"])
+    ((line),) = table.lines
+    (figure,) = line.figures
+    clear, lost = 2 * 40 / (2 * 40 + 10), 2 * 24 / (2 * 24 + 26)
+    assert figure.value == pytest.approx((lost - clear) / clear)
+    assert figure.low is not None
+    assert figure.low <= figure.value <= figure.high
+    assert "As said." in table.notes

@@ -241,6 +241,13 @@ def test_regions_that_no_log_has_are_refused_before_anything_runs(tmp_path):
         assert str(raised.value) == f"suite.toml:5: 'scoring.regions.{why}"
 
 
+def test_cameras_that_no_log_has_are_refused_before_anything_runs(tmp_path):
+    content = f'{HEAD}{LIST}logs = [{{{{simulate = "urban", sensors = ["camera"]}}}}]\n[scoring]\ncameras = {{}}\n'
+    suite_of(content.format('["camera"]'), tmp_path)
+    with pytest.raises(ConfigError, match=r"suite.toml:5: 'scoring.cameras.1': no log has a camera 'camra'; did you"):
+        suite_of(content.format('["camera", "camra"]'), tmp_path)
+
+
 def test_what_is_no_toml_says_where(tmp_path):
     with pytest.raises(ConfigError, match=r"suite.toml: isn't TOML .*line 3"):
         suite_of("version = 1\nlogs = [\n[x\n", tmp_path)
