@@ -18,7 +18,8 @@ from typer.core import TyperGroup
 
 from fbench.cli import options
 from fbench.cli.options import examples
-from fbench.cli.show import import_progress, make_table, print_json, printable, say, show_results
+from fbench.cli.progress import import_progress
+from fbench.cli.show import make_table, print_json, printable, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import import_progress, replay_progress, say, show_summary
+from fbench.cli.progress import import_progress, replay_progress
+from fbench.cli.show import say, show_summary
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError, output_error
 from fbench.replay.data.scores import format_count
 

@@ -8,7 +8,8 @@ import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import console, make_table, message_progress, plugin_output, print_json, say
+from fbench.cli.progress import message_progress
+from fbench.cli.show import console, make_table, plugin_output, print_json, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.data.scores import format_count
 

@@ -10,7 +10,8 @@ import typer
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import console, fault_lines, make_table, message_progress, print_json, say
+from fbench.cli.progress import message_progress
+from fbench.cli.show import console, fault_lines, make_table, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 from fbench.replay.data.scores import format_count
 

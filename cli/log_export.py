@@ -9,7 +9,8 @@ import typer
 from typer import Argument, Option
 
 from fbench.cli import options
-from fbench.cli.show import fault_lines, import_progress, print_json, say
+from fbench.cli.progress import import_progress
+from fbench.cli.show import fault_lines, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.data.scores import format_count
 

@@ -10,7 +10,8 @@ import typer
 from typer import Argument, Option
 
 from fbench.cli import options
-from fbench.cli.show import import_progress, print_json, say
+from fbench.cli.progress import import_progress
+from fbench.cli.show import print_json, say
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError, output_error
 from fbench.replay.data.files import make_parent
 

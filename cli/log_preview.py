@@ -10,7 +10,8 @@ from typing import Annotated
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import fault_lines, frame_progress, print_json, say
+from fbench.cli.progress import frame_progress
+from fbench.cli.show import fault_lines, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.scores import format_count
 

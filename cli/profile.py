@@ -6,7 +6,8 @@ from typing import Annotated
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import console, latency_table, plugin_output, print_json, replay_progress, say
+from fbench.cli.progress import replay_progress
+from fbench.cli.show import console, latency_table, plugin_output, print_json, say
 
 
 def profile(

@@ -70,8 +70,9 @@ def replay(
     """Replay a log into a pipeline, score it, and write a run folder."""
     from fbench.api.replays import name_pipeline
     from fbench.api.replays import replay as replay_log
+    from fbench.cli.progress import frame_progress
     from fbench.cli.run_summary import require_coverage, show_run
-    from fbench.cli.show import frame_progress, plugin_output, show_traceback
+    from fbench.cli.show import plugin_output, show_traceback
     from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
     from fbench.replay.data.scores import ScoreOptions
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline

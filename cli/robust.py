@@ -11,7 +11,8 @@ import typer
 from typer import Argument, Option
 
 from fbench.cli import options
-from fbench.cli.show import print_json, replay_progress, say, show_results
+from fbench.cli.progress import replay_progress
+from fbench.cli.show import print_json, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 from fbench.replay.runs.secrets import without_secrets
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from fbench.cli import options
-from fbench.cli.show import console, make_table, print_json, replay_progress, say
+from fbench.cli.progress import replay_progress
+from fbench.cli.show import console, make_table, print_json, say
 from fbench.replay.data.scores import DASH, FORECAST, LOCKSTEP, STREAMING
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ import typer
 from typer import Argument, Option
 
 from fbench.cli import options
-from fbench.cli.show import byte_progress, console, make_table, message_progress, print_json, replay_progress, say
+from fbench.cli.progress import byte_progress, message_progress, replay_progress
+from fbench.cli.show import console, make_table, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.files import make_parent
 from fbench.replay.data.scores import format_count

@@ -19,7 +19,7 @@ import numpy as np
 import truth
 from simulation import VERSION, Request, Simulation, answers
 
-from fbench.cli.show import import_progress
+from fbench.cli.progress import import_progress
 from fbench.datasets.city.request import read_rig
 from fbench.datasets.city.rig import POSE, CameraSpec, LidarSpec, RadarSpec, thesis_rig
 from fbench.datasets.city.spec import condition

@@ -210,5 +210,5 @@ class Scene:
     eye_m: Float64  # (3,) from where the cloud is seen [m]
     shapes: LidarParams  # How shapes are classified, and what partly seen cars are completed to
     tall_echoes: Float64 | None = None
-    """(K, 3) radar echoes above the height of vehicles [m], where there are enough to show shapes; see `find_dense_ground`.
+    """(K, 3) radar echoes above the height of vehicles [m], if enough to show shapes; see `find_dense_ground`.
     """
