@@ -113,6 +113,16 @@ def test_a_result_takes_the_nearest_truth_however_far_off() -> None:
     assert find(rows, "ap", "bus", "center3d 2 m").counts == {"gt": 2, "tp": 1, "fp": 1, "fn": 1}
 
 
+def test_velocities_count_for_nothing() -> None:
+    # The challenge's boxes have none, so a perfect box is perfect whatever its velocity is.
+    for profile in (Av2Detection(), Av2Tracking()):
+        log = of_log(Log("log", 1, [box(10.0)], [box(10.0)]))
+        rushing = replace(log, estimates=replace(log.estimates, velocity_mps=np.full((1, 3), np.inf)))
+        plain, same = (profile.scores(profile.measure(own), "all") for own in (log, rushing))
+        assert [row.value for row in same] == [row.value for row in plain]
+        assert find(same, "map" if profile.name == "av2" else "hota").counts["invalid"] == 0
+
+
 def test_precision_over_recall_by_hand() -> None:
     # Hit, false alarm, hit of two: precision 1 to recall 0.5, then from 1 to 2/3 in a line, at 101 recalls.
     line = [1.0] * 51 + [1.0 + (2 / 3 - 1.0) * k / 50 for k in range(1, 51)]
