@@ -15,6 +15,7 @@ from fbench.metrics.profiles.av2.boxes import CLASSES
 from fbench.metrics.profiles.av2.detection import Av2Detection, average_precision
 from fbench.metrics.profiles.av2.tracking import Av2Tracking
 from fbench.metrics.profiles.choose import evaluate
+from fbench.metrics.profiles.remarks import lines
 from fbench.replay.contracts.errors import ConfigError, MetricError
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import text_array
@@ -120,6 +121,18 @@ def test_a_result_takes_the_nearest_truth_however_far_off() -> None:
     # Each looks at its nearest box only: the second box stays unmatched, though it is 1.5 m off.
     rows = score([box(10.0), box(12.0)], [box(10.2, 0.9), box(10.5, 0.8)])
     assert find(rows, "ap", "bus", "center3d 2 m").counts == {"gt": 2, "tp": 1, "fp": 1, "fn": 1}
+
+
+@pytest.mark.parametrize("profile", [Av2Detection(), Av2Tracking()])
+def test_the_table_has_the_classes_that_are_there(profile: Any) -> None:
+    rows = score([box(10.0)], [box(10.0), box(30.0, own=1, name="dog")], profile)
+    assert {row.class_ for row in rows} == {"all", *CLASSES}
+
+    def columns(rows: list[Score]) -> set[str]:
+        return {name for line in lines(rows, profile.facts.headlines) for name in line.scores}
+
+    assert columns(rows) == {"all", "bus", "dog"}
+    assert columns([row for row in rows if row.class_ == "bollard"]) == {"bollard"}  # alone, as with --class
 
 
 def test_velocities_count_for_nothing() -> None:
