@@ -112,7 +112,9 @@ def count_arrivals(sequence: Sequence, first: Int64, truth_row: Int64, track_id:
 
 
 def value_of(metric: str, n: Mapping[str, int | float]) -> tuple[float | None, str | None]:
-    """Return the value of a row from its counts, or why there is none."""
+    """Return the value of a row from its counts, or why there is none; without counts nothing is known."""
+    if not n:
+        return None, "unknown"
 
     def share(top: float, bottom: float, why: str) -> tuple[float | None, str | None]:
         return (top / bottom, None) if bottom else (None, why)
@@ -157,14 +159,18 @@ def event_rows(n: EventCounts, head: ScoreKey, by_sight: bool, has_tracks: bool)
         table["timestamp_balanced_accuracy"] = dict(zip(("tp", "fp", "fn", "tn"), n.steps, strict=True))
     rows = []
     for metric, counts in table.items():
-        value, why = value_of(metric, counts)
-        rows.append(head.score(metric, value, head.reason or why, counts))
+        known = {} if head.reason else counts  # So that nothing is added to what other runs know
+        value, why = value_of(metric, known)
+        rows.append(head.score(metric, value, head.reason or why, known))
     return rows
 
 
 def arrival_rows(n: ArrivalCounts, head: ScoreKey, why: str | None) -> list[Score]:
-    """Return the time to a stable track, and how many objects never got one; null where `why` says so."""
-    counts = {"objects": n.objects, "followed": n.followed, "delay_s": float(n.delay_s)}
+    """Return the time to a stable track, and how many objects never got one; null, without counts, where `why` or the
+    head says so.
+    """
+    is_known = not (head.reason or why)
+    counts = {"objects": n.objects, "followed": n.followed, "delay_s": float(n.delay_s)} if is_known else {}
     rows = []
     for metric, unit in zip(ARRIVALS, ("s", "1"), strict=True):
         value, own = value_of(metric, counts)
