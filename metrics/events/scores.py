@@ -112,9 +112,7 @@ def count_arrivals(sequence: Sequence, first: Int64, truth_row: Int64, track_id:
 
 
 def value_of(metric: str, n: Mapping[str, int | float]) -> tuple[float | None, str | None]:
-    """Return the value of a row from its counts, or why there is none; without counts nothing is known."""
-    if not n:
-        return None, "unknown"
+    """Return the value of a row from its counts, or why there is none."""
 
     def share(top: float, bottom: float, why: str) -> tuple[float | None, str | None]:
         return (top / bottom, None) if bottom else (None, why)
@@ -159,9 +157,10 @@ def event_rows(n: EventCounts, head: ScoreKey, by_sight: bool, has_tracks: bool)
         table["timestamp_balanced_accuracy"] = dict(zip(("tp", "fp", "fn", "tn"), n.steps, strict=True))
     rows = []
     for metric, counts in table.items():
-        known = {} if head.reason else counts  # So that nothing is added to what other runs know
-        value, why = value_of(metric, known)
-        rows.append(head.score(metric, value, head.reason or why, known))
+        if head.reason:  # without counts, so that nothing is added to what other runs know
+            rows.append(head.score(metric, None, head.reason, {}))
+        else:
+            rows.append(head.score(metric, *value_of(metric, counts), counts))
     return rows
 
 
@@ -169,10 +168,11 @@ def arrival_rows(n: ArrivalCounts, head: ScoreKey, why: str | None) -> list[Scor
     """Return the time to a stable track, and how many objects never got one; null, without counts, where `why` or the
     head says so.
     """
-    is_known = not (head.reason or why)
-    counts = {"objects": n.objects, "followed": n.followed, "delay_s": float(n.delay_s)} if is_known else {}
+    counts: dict[str, int | float] = {"objects": n.objects, "followed": n.followed, "delay_s": float(n.delay_s)}
     rows = []
     for metric, unit in zip(ARRIVALS, ("s", "1"), strict=True):
-        value, own = value_of(metric, counts)
-        rows.append(head.score(metric, value, head.reason or why or own, counts, unit))
+        if unknown := head.reason or why:
+            rows.append(head.score(metric, None, unknown, {}, unit))
+        else:
+            rows.append(head.score(metric, *value_of(metric, counts), counts, unit))
     return rows

@@ -139,7 +139,7 @@ def on_ground(run: Run, kinds: Sequence[str], frame: Int64, center_m: Float64) -
 
 
 GROUND_WITHIN_M = 20.0
-"""So near to the body, in the ground plane, truth boxes tell how high the ground is: farther off it may rise or fall."""
+"""So near to the body, in the ground plane, truth boxes tell how high the ground is: farther off it may be hilly."""
 
 
 def ground_height(run: Run) -> float:

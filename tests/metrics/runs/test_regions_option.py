@@ -139,7 +139,7 @@ def test_the_ground_is_where_near_road_users_stand(tmp_path: Path) -> None:
     run = regional_run(tmp_path / "a", [Case(found, truth)], [EAST], rig)
     assert ground_height(run) == -0.5
     assert counts(run, ScoreOptions(regions=("road",)), space="iou")[1] == 0
-    level = replace(truth, center_m=center + [0, 0, 0.5])
+    level = replace(truth, center_m=center + np.array([0, 0, 0.5]))
     run = regional_run(tmp_path / "b", [Case(found, level)], [EAST], rig)
     assert counts(run, ScoreOptions(regions=("road",)), space="iou")[1] == 1
     assert ground_height(regional_run(tmp_path / "c", [Case(found, truth[:0])], [EAST], rig)) == 0.0
