@@ -117,7 +117,7 @@ def _require_group(name: str) -> Group:
     for group in _GROUPS:
         if group == name:
             return group
-    raise ConfigError(f"unknown group '{name}'{did_you_mean(name, (*_GROUPS, 'profiles'))}")
+    raise ConfigError(f"unknown group '{name}'{did_you_mean(name, _GROUPS)}")
 
 
 def show_decoders() -> None:

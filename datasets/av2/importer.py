@@ -13,13 +13,25 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, FiniteFloat
 
-from fbench.datasets.av2.tables import LABELS, LIDAR, Annotations, read_poses, read_rig, read_sweep
+from fbench.datasets.av2.tables import (
+    CALIBRATION,
+    LABELS,
+    LENSES,
+    LIDAR,
+    MOUNTS,
+    Annotations,
+    read_poses,
+    read_rig,
+    read_sweep,
+)
 from fbench.datasets.importing.files import entries, find_numbered, format_counts, read_image, read_json
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import ImportRequest, describe_params, file_facts, log_id, require_folder
 from fbench.replay.data.messages import Message, Pose, Truth
 from fbench.replay.data.metadata import REFERENCE, REGIONS, TIMEOUT_MS, Region, regions_text
 from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.data.scores import format_count
+from fbench.replay.formats.text import digest_of
 
 POSES, ANNOTATIONS, EGO = "city_SE3_egovehicle.feather", "annotations.feather", "ego"
 _DIGITS = 18  # Of stamps [ns] in names of files
@@ -141,19 +153,26 @@ class Av2Recording:
     @cached_property
     def rig(self) -> Rig:
         """Sensors that have files. Raises LogError naming the calibration that is missing or wrong."""
-        return read_rig(self._folder / "calibration", tuple(sorted(self._cameras)), bool(self._sweeps))
+        return read_rig(self._folder / CALIBRATION, tuple(sorted(self._cameras)), bool(self._sweeps))
+
+    @cached_property
+    def _map(self) -> Path | None:
+        """The map, where there is one and it is asked for."""
+        paths = [path for path in entries(self._folder / "map") if path.name.startswith("log_map_archive_")]
+        return paths[0] if self._params.map and paths else None
 
     @cached_property
     def _areas(self) -> Sequence[Region]:
-        paths = [path for path in entries(self._folder / "map") if path.name.startswith("log_map_archive_")]
-        if not self._params.map or not paths:
+        if self._map is None:
             return ()
-        areas = read_json(paths[0], _Map).drivable_areas
+        areas = read_json(self._map, _Map).drivable_areas
         regions = []
         for name in sorted(areas):
             points = np.array([(p.x, p.y) for p in areas[name].area_boundary]).reshape(-1, 2)
             if len(points) < 3:
-                raise LogError(f"{paths[0]}: drivable area {name} has {len(points)} corners, expected 3 or more")
+                raise LogError(
+                    f"{self._map}: drivable area {name} has {format_count(len(points), 'corner')}, expected 3 or more"
+                )
             x, y = points.T
             area = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
             regions.append(Region("road", points if area > 0 else points[::-1]))
@@ -174,12 +193,16 @@ class Av2Recording:
             **({REGIONS: regions_text(self._areas)} if self._areas else {}),
             **describe_params(self._params),
         }
-        facts = file_facts(self._folder, files)
+        # Of small files the content: their size may stay where numbers in them change.
+        small = [self._folder / CALIBRATION / name for name in (MOUNTS, LENSES)]
+        small += [] if self._map is None else [self._map]
+        contents = (f"{path.name} {digest_of(path) if path.is_file() else 'missing'}" for path in small)
+        facts = [*file_facts(self._folder, files), *contents]
         return LogInfo(self.name, log_id("av2", facts, self._request.frames, self._params), metadata)
 
     @property
     def num_items(self) -> int:
-        """About a message a file, as many poses as the LiDAR has sweeps many times, and truth."""
+        """An estimate: a message for each image and sweep, and truth for each frame; poses aren't counted."""
         return sum(map(len, self._cameras.values())) + 2 * len(self._instants)
 
     def items(self) -> Iterator[Message | Truth]:
@@ -225,7 +248,7 @@ class Av2Recording:
         lines.append(f"cameras: {cameras or 'none'}")
         lines.append(f"poses: {self._num_items[EGO]}")
         if self._areas:
-            lines.append(f"map: {len(self._areas)} drivable areas, as regions 'road'")
+            lines.append(f"map: {format_count(len(self._areas), 'drivable area')}, as regions 'road'")
         if self._annotations is None:
             return [*lines, "boxes: none, the log isn't labeled"]
         counts = format_counts(self._categories)

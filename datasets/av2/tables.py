@@ -14,9 +14,11 @@ from fbench.replay.data.arrays import Array, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes3D
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.data.scores import format_count
 from fbench.replay.formats.export_request import AV2_CLASSES
 from fbench.replay.geometry.transforms import pose_matrix, yaw_pitch_roll
 
+CALIBRATION, MOUNTS, LENSES = "calibration", "egovehicle_SE3_sensor.feather", "intrinsics.feather"
 LIDAR, MOUNTED = "lidar", "up_lidar"
 """Sweeps hold points of two LiDARs, one above the other, in the ego's coordinates; rays begin near the upper one."""
 LABELS = {**AV2_CLASSES, "ANIMAL": "other", "OFFICIAL_SIGNALER": "pedestrian", "RAILED_VEHICLE": "other",
@@ -46,7 +48,7 @@ def read_table(path: Path, kinds: Mapping[str, str]) -> Columns:
             raise LogError(f"{path}: {'no' if name not in table.column_names else 'more than one'} column '{name}'")
         column = table.column(name)
         if column.null_count:
-            raise LogError(f"{path}: column '{name}' has {column.null_count} empty values")
+            raise LogError(f"{path}: column '{name}' has {format_count(column.null_count, 'empty value')}")
         is_text = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
         fits = {
             "U": is_text, "i": pa.types.is_integer(column.type),
@@ -93,7 +95,7 @@ def read_rig(folder: Path, cameras: tuple[str, ...], has_lidar: bool) -> Rig:
     """
     if not cameras and not has_lidar:
         return Rig({}, {})
-    path = folder / "egovehicle_SE3_sensor.feather"
+    path = folder / MOUNTS
     columns = read_table(path, {"sensor_name": "U", **_POSE})
     places, turns = _stack(columns, _PLACE), _turns(columns, path)
     row_of = {name: row for row, name in enumerate(columns["sensor_name"].tolist())}
@@ -105,7 +107,7 @@ def read_rig(folder: Path, cameras: tuple[str, ...], has_lidar: bool) -> Rig:
     if has_lidar:  # with the axes of the body, in which its points are given
         mounts[LIDAR] = Mount("lidar", places[row_of[MOUNTED]], np.array([0.0, 0.0, 0.0, 1.0]))
     if cameras:
-        path = folder / "intrinsics.feather"
+        path = folder / LENSES
         names = ("fx_px", "fy_px", "cx_px", "cy_px")
         own = read_table(path, {"sensor_name": "U", **dict.fromkeys(names, "f"), "width_px": "i", "height_px": "i"})
         known = {name: row for row, name in enumerate(own["sensor_name"].tolist())}

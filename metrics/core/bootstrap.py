@@ -12,7 +12,7 @@ import numpy as np
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.profiles import Statistics
-from fbench.replay.data.arrays import Int64
+from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.scores import Score
 
 Summed = TypeVar("Summed")
@@ -99,6 +99,17 @@ class Bootstrap:
         drawn = generator(self.seed, "bootstrap", num_units).integers(0, num_units, (self.num, num_units))
         return np.array([np.bincount(row, minlength=num_units) for row in drawn], np.int64)
 
+    def interval(self, resamples: Float64 | None) -> tuple[float, float] | tuple[None, None]:
+        """Return the ends of the interval of a number by its resamples (num,), NaN or left out where it is undefined;
+        none where there are none, or too many are undefined.
+        """
+        own = np.zeros(0) if resamples is None else resamples[np.isfinite(resamples)]
+        if not len(own) or self.num - len(own) > MOST_UNDEFINED * self.num:
+            return None, None
+        rest = (1 - self.share) / 2
+        low, high = np.quantile(own, [rest, 1 - rest]).tolist()
+        return low, high
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -132,11 +143,11 @@ def intervals(
                 found[name] += [value] * num
     result: dict[Key, Interval | str] = {}
     for name, own in found.items():
-        missing, rest = how.num - len(own), (1 - how.share) / 2
-        if missing > MOST_UNDEFINED * how.num:
-            result[name] = f"undefined in {missing} of {how.num} resamples"
+        low, high = how.interval(np.array(own))
+        if low is None or high is None:
+            result[name] = f"undefined in {how.num - len(own)} of {how.num} resamples"
         else:
-            result[name] = Interval(*np.quantile(np.array(own), [rest, 1 - rest]).tolist())
+            result[name] = Interval(low, high)
     return result
 
 

@@ -157,16 +157,22 @@ def event_rows(n: EventCounts, head: ScoreKey, by_sight: bool, has_tracks: bool)
         table["timestamp_balanced_accuracy"] = dict(zip(("tp", "fp", "fn", "tn"), n.steps, strict=True))
     rows = []
     for metric, counts in table.items():
-        value, why = value_of(metric, counts)
-        rows.append(head.score(metric, value, head.reason or why, counts))
+        if head.reason:  # without counts, so that nothing is added to what other runs know
+            rows.append(head.score(metric, None, head.reason, {}))
+        else:
+            rows.append(head.score(metric, *value_of(metric, counts), counts))
     return rows
 
 
 def arrival_rows(n: ArrivalCounts, head: ScoreKey, why: str | None) -> list[Score]:
-    """Return the time to a stable track, and how many objects never got one; null where `why` says so."""
-    counts = {"objects": n.objects, "followed": n.followed, "delay_s": float(n.delay_s)}
+    """Return the time to a stable track, and how many objects never got one; null, without counts, where `why` or the
+    head says so.
+    """
+    counts: dict[str, int | float] = {"objects": n.objects, "followed": n.followed, "delay_s": float(n.delay_s)}
     rows = []
     for metric, unit in zip(ARRIVALS, ("s", "1"), strict=True):
-        value, own = value_of(metric, counts)
-        rows.append(head.score(metric, value, head.reason or why or own, counts, unit))
+        if unknown := head.reason or why:
+            rows.append(head.score(metric, None, unknown, {}, unit))
+        else:
+            rows.append(head.score(metric, *value_of(metric, counts), counts, unit))
     return rows

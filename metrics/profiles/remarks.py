@@ -106,8 +106,12 @@ class Line:
 
 
 def lines(rows: Iterable[Score], headlines: Headlines, part: str = "all") -> list[Line]:
-    """Return the lines about a part, a column for each class and level, `car, easy`."""
+    """Return the lines about a part, a column for each class and level, `car, easy`; without the classes that neither
+    truth nor results have, where others are there.
+    """
     own = [row for row in rows if row.slice == part or (headlines.has_levels and row.slice.startswith(f"{part}, "))]
+    met = {row.class_ for row in own if row.value is not None or not row.counts or any(row.counts.values())}
+    own = [row for row in own if row.class_ in met or row.class_ == "all"] or own
     found: dict[tuple[str, str], dict[str, Score]] = {}
     for metric in headlines.metrics or tuple(dict.fromkeys(row.metric for row in own)):
         for row in own:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fbench.metrics.core.bootstrap import LEAST_UNITS, MOST_UNDEFINED, Bootstrap
+from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.metrics.robustness import aggregates
 from fbench.metrics.robustness.scenes import ScoredRun, Space, pool, spaces_of
 from fbench.metrics.runs.places import SharedRun
@@ -171,14 +171,7 @@ class Matrix:
 
     def interval(self, value: float | None, resamples: Array | None) -> tuple[float | None, float | None]:
         """Return the ends of the interval of a value from its resamples (num,)."""
-        if value is None or resamples is None:
-            return None, None
-        own = resamples[np.isfinite(resamples)]
-        if len(own) < (1 - MOST_UNDEFINED) * len(resamples):
-            return None, None
-        rest = (1 - self.how.share) / 2
-        low, high = np.quantile(own, [rest, 1 - rest]).tolist()
-        return low, high
+        return (None, None) if value is None else self.how.interval(resamples)
 
 
 def _scored(cells: Iterable[Cell]) -> list[ScoredRun]:

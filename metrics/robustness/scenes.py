@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fbench.metrics.core.bootstrap import LEAST_UNITS, MOST_UNDEFINED, Bootstrap
+from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.metrics.core.slices import VEHICLE
 from fbench.metrics.detection.outcomes import compare_class, judge_detections
 from fbench.metrics.detection.scores import DetectionCounts, detection_rows
@@ -104,7 +104,7 @@ def pool(runs: Iterable[ScoredRun], metric: str, space: Space, how: Bootstrap | 
     if not bottom:
         return Figure(None, (*reasons, _NOTHING.get(metric, "no truth boxes"))[0], counts)
     value = float(top / bottom)
-    low, high = (None, None) if how is None else interval(resample(runs, metric, space, how), how)
+    low, high = (None, None) if how is None else how.interval(resample(runs, metric, space, how))
     return Figure(value, None, counts, None, low, high)
 
 
@@ -135,18 +135,6 @@ def resample(
         return np.asarray(np.where(np.asarray(bottom) != 0, np.asarray(top) / bottom, np.nan), np.float64)
 
 
-def interval(resamples: Float64 | None, how: Bootstrap) -> tuple[float | None, float | None]:
-    """Return the ends of the interval of resamples (num,); none where there are none, or too many are undefined."""
-    if resamples is None:
-        return None, None
-    own = resamples[np.isfinite(resamples)]
-    if len(own) < (1 - MOST_UNDEFINED) * len(resamples):
-        return None, None
-    rest = (1 - how.share) / 2
-    low, high = np.quantile(own, [rest, 1 - rest]).tolist()
-    return low, high
-
-
 def change(runs: Sequence[ScoredRun], condition: str, space: Space, how: Bootstrap | None = None) -> Figure:
     """Return the relative change of F1 against clear weather, (F1 - F1 clear) / F1 clear, on the scenes of which there
     are runs in both; with resamples of these scenes, `how`, it has an interval.
@@ -171,7 +159,7 @@ def change(runs: Sequence[ScoredRun], condition: str, space: Space, how: Bootstr
         clear, then = (resample(own, "f1", space, how) for own in both)
         if clear is not None and then is not None:
             with np.errstate(divide="ignore", invalid="ignore"):
-                low, high = interval((then - clear) / clear, how)
+                low, high = how.interval((then - clear) / clear)
     return Figure((found.value - base.value) / base.value, None, counts, None, low, high)
 
 
@@ -183,5 +171,5 @@ def difference(one: Sequence[ScoredRun], other: Sequence[ScoredRun], space: Spac
     if head.value is None or base.value is None:
         return Figure(None, head.reason or base.reason)
     ours, theirs = (resample(own, "f1", space, how, scenes) for own in both)
-    ends = (None, None) if ours is None or theirs is None else interval(ours - theirs, how)
+    ends = (None, None) if ours is None or theirs is None else how.interval(ours - theirs)
     return Figure(head.value - base.value, None, {}, None, *ends)

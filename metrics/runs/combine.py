@@ -188,7 +188,7 @@ def _add_others(runs: Sequence[RunStatistics]) -> list[Score]:
         value, reason = None, f"{kind.__name__} doesn't say what counts of several runs give (value_of)"
         if isinstance(metric, AddsCounts):
             with guard(f"metric '{kind.__name__}' can't add runs"):
-                value = metric.value_of(first.metric, counts)
+                value = metric.value_of(first.metric, counts) if counts else None  # no run knows anything
             reason = next((row.reason for _, row in own if row.reason is not None), "undefined")
         total.append(Score(*key, value, reason if value is None else None, first.unit, counts))
     return total

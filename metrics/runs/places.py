@@ -9,7 +9,7 @@ import numpy as np
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import Region, inside
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import ScoreOptions
@@ -138,11 +138,35 @@ def on_ground(run: Run, kinds: Sequence[str], frame: Int64, center_m: Float64) -
     return np.asarray(inside(chosen, ground_points(run, frame, center_m)), bool)
 
 
-def place_in_space(rig: Rig, boxes: Boxes2D) -> Float64:
+GROUND_WITHIN_M = 20.0
+"""So near to the body, in the ground plane, truth boxes tell how high the ground is: farther off it may be hilly."""
+
+
+def ground_height(run: Run) -> float:
+    """Return how high the ground is in body coordinates [m], below 0 where the body's origin is above it: the median of
+    the lower ends of near truth boxes of road users, `other` left out; 0 where there are none.
+    """
+
+    def find() -> float:
+        boxes = run.truth_table("3d").boxes
+        if not isinstance(boxes, Boxes3D):
+            return 0.0
+        good = finite(boxes)[0]
+        good[good] = np.hypot(boxes.center_m[good, 0], boxes.center_m[good, 1]) <= GROUND_WITHIN_M
+        if boxes.label is not None:
+            good &= boxes.label != "other"
+        low_m = boxes.center_m[good, 2] - boxes.size_lwh_m[good, 2] / 2
+        return float(np.median(low_m)) if len(low_m) else 0.0
+
+    return once(run, "ground height", find)
+
+
+def place_in_space(rig: Rig, boxes: Boxes2D, ground_m: float) -> Float64:
     """Return where boxes in images (N,) are in body coordinates (N, 3) [m]; NaN where nobody can tell.
 
     A box with a distance is that far from the body's origin, on the ray through its center. Of any other the middle of
-    the lower edge is taken to touch the ground, the plane z = 0 of the body: what ends above the horizon is nowhere.
+    the lower edge is taken to touch the ground, the plane z = `ground_m` of the body (see `ground_height`): what ends
+    above the horizon is nowhere.
     """
     places = np.full((len(boxes), 3), np.nan)
     left, top, right, bottom = boxes.xyxy_px.T
@@ -161,7 +185,7 @@ def place_in_space(rig: Rig, boxes: Boxes2D) -> Float64:
             middle, low = point((top[rows] + bottom[rows]) / 2), point(bottom[rows])
             along = (middle * origin).sum(axis=1)  # |origin + t middle| = away
             reach = np.sqrt(along**2 - (origin**2).sum() + away[rows] ** 2) - along
-            touch = -origin[2] / low[:, 2]
+            touch = (ground_m - origin[2]) / low[:, 2]
             by_distance = (reach >= 0)[:, None]
             own = np.where(by_distance, reach[:, None] * middle, np.where(touch > 0, touch, np.nan)[:, None] * low)
         places[rows] = origin + own

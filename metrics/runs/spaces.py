@@ -9,7 +9,7 @@ import numpy as np
 
 from fbench.metrics.core.slices import VEHICLE, Group, ScoreCounts, ScoreKey, find_labels, label_group
 from fbench.metrics.runs.columns import Labelled, View, objects_of
-from fbench.metrics.runs.places import find_seen, on_ground, once, place_in_space, place_truth
+from fbench.metrics.runs.places import find_seen, ground_height, on_ground, once, place_in_space, place_truth
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match, Statistics
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -162,7 +162,7 @@ class _Images:
         run, index = self.labeled.run, self.labeled.indices[frame]
         places = np.full((len(boxes), 3), np.nan)
         for rig, rows in self.labeled.rigs(frame):
-            places[rows] = place_in_space(rig, boxes[rows])
+            places[rows] = place_in_space(rig, boxes[rows], ground_height(run))
         if is_truth:
             places = place_truth(run, index, boxes, places)
         return on_ground(run, self.options.regions, index, places)

@@ -189,3 +189,5 @@ def test_plugins_tell_metrics_and_profiles(fbench):
     assert (result.code, result.err) == (2, "fbench: unknown profile 'cocoa'; did you mean 'coco'?\n")
     result = fbench("plugins", "profile")
     assert (result.code, result.err) == (2, "fbench: unknown group 'profile'; did you mean 'profiles'?\n")
+    known = fbench("plugins", "nonsense").err.strip().partition("there are: ")[2].split(", ")
+    assert len(known) == len(set(known))

@@ -1,6 +1,6 @@
 """Boxes that Argoverse 2's challenges count."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def select_side(sequence: Sequence, boxes: Objects, range_m: float, in_plane: bo
     kind = np.full(len(boxes), -1, np.int64)
     for i, name in enumerate(CLASSES):
         kind[boxes.label == name] = i
-    invalid = find_invalid(boxes)
+    invalid = find_invalid(replace(boxes, velocity_mps=None))  # Argoverse 2 knows no velocities
     offset = solids(boxes).center_m - (0.0 if sequence.ego_m is None else sequence.ego_m[boxes.step])
     distance_m = np.linalg.norm(offset[:, : 2 if in_plane else 3], axis=1)
     far = distance_m > range_m if in_plane else distance_m >= range_m

@@ -91,7 +91,7 @@ def retype(column: str, kind: pa.DataType) -> Callable[[Table], None]:
         (BOXES, put("length_m", 2, np.inf), r"row 2: length_m is inf, expected a finite number$"),
         (BOXES, put("height_m", 3, 0.0), r"row 3: length_m width_m height_m are 4.5 2 0, expected above 0$"),
         (BOXES, put("qw", 0, 2.0), r"row 0: qw qx qy qz isn't a unit quaternion: 2 0 0 0$"),
-        (BOXES, put("category", 0, None), r"column 'category' has 1 empty values$"),
+        (BOXES, put("category", 0, None), r"column 'category' has 1 empty value$"),
         (BOXES, put("track_uuid", 1, "b-car"), r"row \d: track b-car is twice at 315966253660000000$"),
         (BOXES, retype("track_uuid", pa.int64()), r"column 'track_uuid' is int64, expected text$"),
         (BOXES, retype("timestamp_ns", pa.float64()), r"column 'timestamp_ns' is double, expected integers$"),
@@ -120,7 +120,7 @@ def test_images_and_maps(log: Path) -> None:
     path.write_text('{"drivable_areas": {"7": {"area_boundary": [{"x": 1.0}]}}}')
     refused(log, r"log_map_archive_.*json: drivable_areas.*y")
     path.write_text('{"drivable_areas": {"7": {"area_boundary": [{"x": 1.0, "y": 2.0}]}}}')
-    refused(log, r"drivable area 7 has 1 corners, expected 3 or more$")
+    refused(log, r"drivable area 7 has 1 corner, expected 3 or more$")
 
 
 def test_nothing_to_import(log: Path) -> None:

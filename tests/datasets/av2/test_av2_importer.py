@@ -129,5 +129,29 @@ def test_runs_are_scored_by_the_names_of_the_challenge(log: Path) -> None:
     assert fbench("score", out, "--profile", "av2-tracking") == 0
 
 
+def test_the_id_knows_calibration_and_map(log: Path) -> None:
+    def log_id(has_map: bool = True) -> str:
+        (recording,) = Av2(Av2Params(map=has_map)).recordings(log, ImportRequest((NAME,)))
+        return str(recording.info.log_id)
+
+    first, bare = log_id(), log_id(has_map=False)
+    found = {first}
+    change(log / "calibration/egovehicle_SE3_sensor.feather", lambda columns: columns.update(tx_m=[1.35, 1.7]))
+    found.add(log_id())
+    change(log / "calibration/intrinsics.feather", lambda columns: columns.update(fx_px=[21.0]))
+    found.add(log_id())
+    assert log_id(has_map=False) != bare
+    bare = log_id(has_map=False)
+    (path,) = (log / "map").iterdir()
+    path.write_text(path.read_text().replace("110", "120"))
+    found.add(log_id())
+    assert len(found) == 4
+    assert log_id(has_map=False) == bare  # a map that isn't imported changes nothing
+
+
+def test_a_map_with_one_area_is_counted_in_english(log: Path) -> None:
+    assert "map: 1 drivable area, as regions 'road'" in read(log)[-1].lines
+
+
 def test_protocol(log: Path) -> None:
     check_importer(Av2, log)

@@ -107,6 +107,16 @@ def test_what_is_undefined_too_often_has_a_reason_instead() -> None:
     assert interval(often, lambda total: total.value, Bootstrap()) == Interval(1.0, 1.0)
 
 
+def test_ends_of_resamples() -> None:
+    how = Bootstrap(num=100, share=0.9)
+    own = np.arange(100.0)
+    assert how.interval(own) == (pytest.approx(4.95), pytest.approx(94.05))
+    own[:5] = np.nan  # 5 % may be undefined, and it doesn't matter whether they are left out
+    assert how.interval(own) == how.interval(own[5:]) == (pytest.approx(9.7), pytest.approx(94.3))
+    own[5] = np.inf
+    assert how.interval(own) == how.interval(own[6:]) == how.interval(None) == (None, None)
+
+
 @pytest.mark.parametrize("bad", [{"num": 0}, {"share": 0.0}, {"share": 1.0}])
 def test_settings_that_mean_nothing_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="bootstrap"):

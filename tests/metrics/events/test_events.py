@@ -278,17 +278,33 @@ def test_slices_of_a_run(tmp_path: Path) -> None:
     assert rows(write(tmp_path / "other", late), "cut-in")["events"].value == 0
 
 
-def test_runs_together(tmp_path: Path) -> None:
-    runs = [write(tmp_path / "one", coming), write(tmp_path / "two", lambda k: coming(k)[:0])]
-    for run, name in zip(runs, ("a", "b"), strict=True):
+def together(*runs: Run, event: str = "event:oncoming") -> dict[str, Score]:
+    """Scores of runs as of several logs."""
+    for i, run in enumerate(runs):
         text = (run.folder / "manifest.json").read_text()
-        (run.folder / "manifest.json").write_text(text.replace('"log_id": "', f'"log_id": "{name}'))
+        (run.folder / "manifest.json").write_text(text.replace('"log_id": "', f'"log_id": "{i}'))
     measured = [measure_run(Run(run.folder), OPTIONS, metrics=[Events()]) for run in runs]
-    found = {r.metric: r for r in combine_runs(measured) if r.slice == "event:oncoming" and r.class_ == "vehicle"}
+    return {r.metric: r for r in combine_runs(measured) if r.slice == event and r.class_ == "vehicle"}
+
+
+def test_runs_together(tmp_path: Path) -> None:
+    found = together(write(tmp_path / "one", coming), write(tmp_path / "two", lambda k: coming(k)[:0]))
     assert found["events"].value == 2
     assert found["recall"].value == 0.5
     assert found["hota_temporal"].value == pytest.approx(0.5**0.5)  # DetA is 23 of 46, AssA is 1
     assert found["timestamp_balanced_accuracy"].value == pytest.approx((0.5 + 1) / 2)
+
+
+def test_what_no_run_knows_stays_unknown_together(tmp_path: Path) -> None:
+    lost = [write(tmp_path / name, coming, poses=False) for name in ("lost", "lost too")]
+    events = together(*lost)["events"]
+    why = "the run has no poses, so the motion of the ego isn't known"
+    assert (events.value, events.reason, events.counts) == (None, why, {})
+    arrivals = together(*lost, event="all")
+    unseen = "truth has neither visibility nor point counts with ids"
+    assert [(arrivals[m].value, arrivals[m].reason) for m in ("time_to_track", "never_tracked")] == 2 * [(None, unseen)]
+    known = write(tmp_path / "known", coming)
+    assert together(*lost, known)["events"].value == 1
 
 
 def test_null_with_the_reason(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from tests.metrics.conftest import NO_CAMERA, Case, boxes2d, boxes3d, front_came
 
 from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
+from fbench.metrics.runs.places import ground_height
 from fbench.metrics.runs.tracking import Tracking
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.messages import Truth
@@ -121,6 +122,27 @@ def test_false_alarms_in_images_are_where_they_touch_the_ground_or_as_far_as_mea
     far = replace(found, distance_m=np.array([31.0, np.nan, 20.0]))
     run = regional_run(tmp_path / "b", [Case(far, boxes3d((20, 0), label="car"))], [EAST], rig)
     assert counts(run, ScoreOptions(regions=("road",)), space="iou")[1] == 1
+
+
+def test_the_ground_is_where_near_road_users_stand(tmp_path: Path) -> None:
+    """The body's origin is 0.5 m above the road, the camera 1.5 m above that: 2 m * 400 px / 22 px is 36 m ahead, where
+    the road has ended at 30 m. At z = 0 it would be 27 m. A sign and a car on a far hill say nothing, and
+    one box that floats doesn't matter.
+    """
+    low = front_camera()
+    rig = replace(low, mounts={"front": replace(low.mounts["front"], translation_m=np.array([0, 0, 1.5]))})
+    found = boxes2d((389.5, 291.5, 409.5, 321.5))
+    truth = boxes3d((5, 0), (10, 3), (15, -3), (6, 6), (45, 0), label="car")
+    height = truth.size_lwh_m[:, 2]
+    center = np.column_stack([truth.center_m[:, :2], height / 2 + [-0.5, -0.5, 4.0, 2.0, 3.0]])
+    truth = replace(truth, center_m=center, label=np.array(["car", "car", "car", "other", "car"]))
+    run = regional_run(tmp_path / "a", [Case(found, truth)], [EAST], rig)
+    assert ground_height(run) == -0.5
+    assert counts(run, ScoreOptions(regions=("road",)), space="iou")[1] == 0
+    level = replace(truth, center_m=center + np.array([0, 0, 0.5]))
+    run = regional_run(tmp_path / "b", [Case(found, level)], [EAST], rig)
+    assert counts(run, ScoreOptions(regions=("road",)), space="iou")[1] == 1
+    assert ground_height(regional_run(tmp_path / "c", [Case(found, truth[:0])], [EAST], rig)) == 0.0
 
 
 def test_unknown_kinds_and_missing_poses_are_refused(tmp_path: Path) -> None:

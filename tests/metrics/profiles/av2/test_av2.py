@@ -15,6 +15,7 @@ from fbench.metrics.profiles.av2.boxes import CLASSES
 from fbench.metrics.profiles.av2.detection import Av2Detection, average_precision
 from fbench.metrics.profiles.av2.tracking import Av2Tracking
 from fbench.metrics.profiles.choose import evaluate
+from fbench.metrics.profiles.remarks import lines
 from fbench.replay.contracts.errors import ConfigError, MetricError
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import text_array
@@ -75,8 +76,9 @@ def test_detection_is_av2_apis(plan: str) -> None:
         own = theirs["metrics"][class_.upper()]
         for ours, name in {"cds": "CDS", "mean_dist_ap": "AP", "ate": "ATE", "ase": "ASE", "aoe": "AOE"}.items():
             row = find(rows, ours, class_)
-            if row.value is None:
-                assert str(row.reason).endswith(f"(av2-api prints {own[name]:.4g})")
+            if not row.counts["gt"]:
+                why = f"no truth boxes (av2-api prints {own[name]:.4g})"
+                assert (row.value, row.reason) == (None, why), (class_, name)
             else:
                 assert row.value == pytest.approx(own[name], abs=1e-9), (class_, name)
         hits = theirs["hits"].get(class_.upper(), [0, 0, 0, 0])
@@ -92,16 +94,24 @@ def test_tracking_is_av2_apis(plan: str) -> None:
         name = class_.upper()
         hota = find(rows, "hota", class_)
         if not hota.counts["gt"]:
-            assert hota.value is None
+            assert (hota.value, hota.reason) == (None, "no truth boxes")
             continue
         assert hota.counts["score"] == pytest.approx(theirs["HOTA"]["thresholds"][name], abs=1e-12)
         assert hota.value == pytest.approx(theirs["HOTA"]["best"][name], abs=1e-9)
         assert find(rows, "hota_mean", class_).value == pytest.approx(theirs["HOTA"]["mean"][name], abs=1e-9)
         assert find(rows, "best_mota", class_).value == pytest.approx(theirs["MOTA"]["best"][name], abs=1e-9)
         assert find(rows, "amota", class_).value == pytest.approx(theirs["MOTA"]["mean"][name], abs=1e-9)
-        for key, value in theirs["at_best"][name].items():
+        own = theirs["at_best"][name]
+        no_matches = {key for key in ("AssA", "LocA") if not own["DetA"]} | ({"MOTP"} if not own["CLR_TP"] else set())
+        undefined = dict.fromkeys(no_matches, "no matches")
+        if not own["CLR_TP"] + own["CLR_FP"]:
+            undefined["CLR_Pr"] = "no results"
+        for key, value in own.items():
             row = find(rows, key.lower(), class_)
-            assert row.value == pytest.approx(value, abs=1e-9) or row.value is None, (class_, key)
+            if key in undefined:
+                assert (row.value, row.reason) == (None, f"{undefined[key]} (TrackEval prints {value:g})"), class_
+            else:
+                assert row.value == pytest.approx(value, abs=1e-9), (class_, key)
 
 
 def test_a_result_takes_the_nearest_truth_however_far_off() -> None:
@@ -111,6 +121,28 @@ def test_a_result_takes_the_nearest_truth_however_far_off() -> None:
     # Each looks at its nearest box only: the second box stays unmatched, though it is 1.5 m off.
     rows = score([box(10.0), box(12.0)], [box(10.2, 0.9), box(10.5, 0.8)])
     assert find(rows, "ap", "bus", "center3d 2 m").counts == {"gt": 2, "tp": 1, "fp": 1, "fn": 1}
+
+
+@pytest.mark.parametrize("profile", [Av2Detection(), Av2Tracking()])
+def test_the_table_has_the_classes_that_are_there(profile: Any) -> None:
+    rows = score([box(10.0)], [box(10.0), box(30.0, own=1, name="dog")], profile)
+    assert {row.class_ for row in rows} == {"all", *CLASSES}
+
+    def columns(rows: list[Score]) -> set[str]:
+        return {name for line in lines(rows, profile.facts.headlines) for name in line.scores}
+
+    assert columns(rows) == {"all", "bus", "dog"}
+    assert columns([row for row in rows if row.class_ == "bollard"]) == {"bollard"}  # alone, as with --class
+
+
+def test_velocities_count_for_nothing() -> None:
+    # The challenge's boxes have none, so a perfect box is perfect whatever its velocity is.
+    for profile in (Av2Detection(), Av2Tracking()):
+        log = of_log(Log("log", 1, [box(10.0)], [box(10.0)]))
+        rushing = replace(log, estimates=replace(log.estimates, velocity_mps=np.full((1, 3), np.inf)))
+        plain, same = (profile.scores(profile.measure(own), "all") for own in (log, rushing))
+        assert [row.value for row in same] == [row.value for row in plain]
+        assert find(same, "map" if profile.name == "av2" else "hota").counts["invalid"] == 0
 
 
 def test_precision_over_recall_by_hand() -> None:

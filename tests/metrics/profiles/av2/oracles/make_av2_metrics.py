@@ -1,13 +1,13 @@
 """Freeze what av2-api makes of the random logs, as `av2_metrics.json`.
 
 Made with av2 0.3.6 and trackeval 1.3.0 (numpy 2.4.6, pandas 3.0.6, polars 2.1.0, scipy 1.17.1). Run it from the root of
-the repository, in an environment of its own, since av2 needs torch and more (`--no-deps` and what its evaluation
-imports do):
+the repository, in an environment of its own, a folder `ENV`, since av2 needs torch and more (`--no-deps` and what its
+evaluation imports do). The numbers are written into `FOLDER`:
 
-    python -m venv /tmp/av2 && /tmp/av2/bin/pip install --no-deps av2==0.3.6 trackeval==1.3.0
-    /tmp/av2/bin/pip install numpy==2.4.6 pandas polars pyarrow scipy tqdm click joblib numba opencv-python-headless
+    python -m venv ENV && ENV/bin/pip install --no-deps av2==0.3.6 trackeval==1.3.0
+    ENV/bin/pip install numpy==2.4.6 pandas polars pyarrow scipy tqdm click joblib numba opencv-python-headless
         rich universal_pathlib pyproj av matplotlib packaging tabulate
-    PYTHONPATH=. /tmp/av2/bin/python -m tests.metrics.profiles.av2.oracles.make_av2_metrics
+    PYTHONPATH=. ENV/bin/python -m tests.metrics.profiles.av2.oracles.make_av2_metrics FOLDER
 
 No dataset is needed: the evaluations get the boxes directly, in the ego's coordinates, with the ego at the city's
 origin. av2-api rounds its metrics to 3 digits; the script takes them before that.
@@ -16,6 +16,8 @@ origin. av2-api rounds its metrics to 3 digits; the script takes them before tha
 import contextlib
 import io
 import json
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -100,8 +102,8 @@ def track(logs: list[Log]) -> dict[str, Any]:
         found[objective] = {"thresholds": thresholds, "best": best, "mean": means}
         if objective == "HOTA":
             kept = utils.filter_by_class_thresholds(results, thresholds)
-            with contextlib.redirect_stdout(io.StringIO()):
-                out = tracking.evaluate_tracking(truth, kept, classes, "T", "out")
+            with contextlib.redirect_stdout(io.StringIO()), tempfile.TemporaryDirectory() as folder:
+                out = tracking.evaluate_tracking(truth, kept, classes, "T", folder)
             combined = out["TrackEvalDataset"]["T"]["COMBINED_SEQ"]
             found["at_best"] = {
                 name: {key: np.mean(combined[name][family][key]) for family, keys in KEYS.items() for key in keys}
@@ -144,4 +146,4 @@ if __name__ == "__main__":
         "mining": mine(logs_of(PLANS["sparse"])),
         "tracking": {name: track(logs_of(plan)) for name, plan in PLANS.items() if name != "many"},
     }
-    (Path(__file__).parent / "av2_metrics.json").write_text(json.dumps(plain(numbers), indent=1) + "\n")
+    (Path(sys.argv[1]) / "av2_metrics.json").write_text(json.dumps(plain(numbers), indent=1) + "\n")
