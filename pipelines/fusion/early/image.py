@@ -263,7 +263,9 @@ def _take_cameras(
     drawn = np.append(groups.kept, False)[group]
     sure = np.minimum(score / AT_MIN_SCORE, 1.0)
     share = np.where(drawn, sure * params.measured_share + (1 - sure) * params.weak_measured_share, 0.0)
-    target = np.concatenate([around, np.zeros((1, 4))])[group]
+    target = np.concatenate([around, np.full((1, 4), np.nan)])[group]
+    agree = np.diag(iou_2d(box, target)) > _SAME
+    share[drawn & (sure < 1) & ~agree] = 1.0  # between two places is neither
     moved = box + share[:, None] * (target - box)
     guess = np.array([_distance_m(scene, one) for one in seen], np.float64)
     return Shown(
