@@ -56,6 +56,9 @@ class EarlyImageParams(EarlyParams, prefix="fusion"):
     most_unseen: float = in_range(1.0, 0, 1000)
     """Largest logarithm of the odds of what a camera surely ought to see and doesn't, before `unseen_by_camera`; twice
     as large where it ought to see half of such objects."""
+    least_alike: float = in_range(0.25, 0, 1)
+    """IoU of a box that its camera isn't sure of with the outline of an object's points, below which it doesn't show
+    that object [0 to 1]."""
     least_inside: float = in_range(0.3, 0, 1)
     """Objects with less than this share of their points in an image have an outline there only by a camera's box."""
 
@@ -96,8 +99,9 @@ def fuse_in_images(
     objects that cameras see at present.
 
     Objects are those that early fusion finds in space, and what a camera is sure of. An object has its class and
-    outline from the camera that sees it, drawn toward that of its points, the more the less the camera is sure; without
-    one it is outlined by its points. Of objects in one place of an image the surest stays.
+    outline from the camera that sees it, drawn toward that of its points, the more the less the camera is sure, and all
+    the way where it isn't sure and sees it elsewhere. Without a camera it is outlined by its points, and so it is where
+    an unsure box is hardly there at all. Of objects in one place of an image the surest stays.
     """
     found = find_candidates(scene, params)
     kept = np.zeros(len(found.groups), np.bool_)
@@ -197,18 +201,26 @@ def _outline(
     shown = groups.shown.copy()
     shown[able] = _take_over([every[at] for at in able], groups.shown[able], kept, around, unseen)
     shown = shown[rows]
-    is_used = np.array([every[at].is_sure for at in rows], np.bool_) | kept[shown]
+    is_sure = np.array([every[at].is_sure for at in rows], np.bool_)
+    # A post in a chance box of a truck is no truck.
+    apart = ~is_sure & (_agreement([every[at] for at in rows], shown, around) < params.least_alike)
+    likely, sources = found.score.copy(), found.counts.sources.copy()
+    likely[shown[apart]] = found.alone[shown[apart]]
+    sources[shown[apart]] &= ~np.uint8(Source.C)
+    shown[apart] = -1
+    unseen &= likely >= params.min_score
+    is_used = is_sure | kept[shown]
     rows, shown = rows[is_used], shown[is_used]
     by_camera = _take_cameras(scene, groups, [every[at] for at in rows], shown, around, rays, params)
     unseen[shown[shown >= 0]] = False
     sides = around[unseen, 2:] - around[unseen, :2]
     looked = camera_share * saturate(np.sqrt(sides.prod(axis=1)), params.camera_size_px)
     doubt = np.log(np.maximum(1 - (1 - params.unseen_by_camera) * looked, 1e-9))
-    odds = np.minimum(log_odds(found.score[unseen], 1e-9), params.most_unseen / np.maximum(looked, 1e-9))
+    odds = np.minimum(log_odds(likely[unseen], 1e-9), params.most_unseen / np.maximum(looked, 1e-9))
     score = probability_of(odds + doubt)
     by_points = Shown(
         around[unseen], found.label[unseen], score, groups.distance_m[unseen], groups.rate_mps[unseen],
-        found.counts.sources[unseen],
+        sources[unseen],
     )  # fmt: skip
     result = Shown.join([by_camera, by_points])
     result = result[np.lexsort((*result.xyxy_px.T[::-1], -result.score))]
@@ -223,6 +235,13 @@ def _outline(
         range_rate_mps=result.rate_mps,
         sources=result.sources,
     )
+
+
+def _agreement(seen: Sequence[CameraObservation], group: Int64, around: Float64) -> Float64:
+    """IoU (N,) of boxes of one camera with the outlines of the groups that they show; NaN without."""
+    box = np.array([one.xyxy_px for one in seen], np.float64).reshape(-1, 4)
+    outline = np.concatenate([around, np.full((1, 4), np.nan)])[group]
+    return np.where(np.isfinite(outline).all(axis=1), np.diag(iou_2d(box, outline)), np.nan)
 
 
 def _take_over(seen: Sequence[CameraObservation], group: Int64, kept: Bool, around: Float64, is_free: Bool) -> Int64:
@@ -263,9 +282,8 @@ def _take_cameras(
     drawn = np.append(groups.kept, False)[group]
     sure = np.minimum(score / AT_MIN_SCORE, 1.0)
     share = np.where(drawn, sure * params.measured_share + (1 - sure) * params.weak_measured_share, 0.0)
-    target = np.concatenate([around, np.full((1, 4), np.nan)])[group]
-    agree = np.diag(iou_2d(box, target)) > _SAME
-    share[drawn & (sure < 1) & ~agree] = 1.0  # between two places is neither
+    target = np.concatenate([around, np.zeros((1, 4))])[group]
+    share[drawn & (sure < 1) & (_agreement(seen, group, around) <= _SAME)] = 1.0  # between two places is neither
     moved = box + share[:, None] * (target - box)
     guess = np.array([_distance_m(scene, one) for one in seen], np.float64)
     return Shown(

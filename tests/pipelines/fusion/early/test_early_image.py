@@ -95,6 +95,40 @@ def test_the_less_a_camera_is_sure_the_more_the_points_count():
     assert left[0] == pytest.approx(beside[0] - 0.1 * 4)
 
 
+@pytest.mark.parametrize(("score", "kept_at_px"), [(0.9, 30.0), (0.5, 0.0)])
+def test_between_two_places_is_no_outline(score, kept_at_px):
+    """Boxes 30 px beside points that are 45 px wide: an IoU of 0.2."""
+    how, points_px = (
+        EarlyImageParams(measured_share=0.0, weak_measured_share=0.3, margin_px=0.0, least_alike=0.1),
+        377.0,
+    )
+    beside = [BOX[0] + 30, 309.5, BOX[2] + 30, 339.5]
+    car = found(joined(CAR, MOVING), {"cam": seen(beside, score=score)}, how)
+    assert (len(car), car.sources.tolist()) == (1, [7])
+    assert car.xyxy_px[0, 0] == pytest.approx(points_px + kept_at_px)
+    near = [BOX[0] + 10, 309.5, BOX[2] + 10, 339.5]  # 35 of 55 px
+    car = found(joined(CAR, MOVING), {"cam": seen(near, score=score)}, how)
+    drawn = 0.3 * (1 - min(score, LEAST) / LEAST)  # `seen` says how sure a camera must be
+    assert car.xyxy_px[0, 0] == pytest.approx(points_px + 10 * (1 - drawn), abs=1.0)
+
+
+def test_a_post_in_an_unsure_box_of_a_truck_is_no_truck():
+    z = np.linspace(-1.5, -0.7, 12)
+    post = points(L, np.column_stack([np.full(24, 24.0), np.tile([-0.3, 0.3], 12), np.repeat(z, 2)]))
+    truck = {"cam": seen([357.0, 260.0, 442.0, 333.0], score=0.5, label="truck")}
+    scene = scene_of(post, truck)
+    candidates = find_candidates(scene, AS_SEEN)
+    assert candidates.groups.observation.tolist() == [0]  # the box takes its points
+    assert candidates.alone[0] < candidates.score[0]
+    loose, strict = (replace(AS_SEEN, min_score=0.0, least_alike=least) for least in (0.0, 0.25))
+    confirmed, apart = (fuse_in_images(scene, ["cam"], {}, how) for how in (loose, strict))
+    assert (confirmed.sources.tolist(), apart.sources.tolist()) == ([3], [2])
+    assert confirmed.score[0] == pytest.approx(candidates.score[0])
+    assert apart.score[0] <= candidates.alone[0]
+    sure = {"cam": seen([357.0, 260.0, 442.0, 333.0], score=0.9, label="truck")}
+    assert fuse_in_images(scene_of(post, sure), ["cam"], {}, strict).sources.tolist() == [3]
+
+
 def test_what_only_a_camera_sees_keeps_its_score_and_a_guessed_distance():
     car = found(NOTHING, {"cam": seen(BOX, score=LEAST)})
     assert car.xyxy_px.tolist() == [BOX]
