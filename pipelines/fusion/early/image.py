@@ -259,7 +259,8 @@ def _agreement(seen: Sequence[CameraObservation], group: Int64, around: Float64)
     common = np.minimum(box[:, 2:], outline[:, 2:]) - np.maximum(box[:, :2], outline[:, :2])
     width, height = np.maximum(common, 0.0).T
     either = np.maximum(box[:, 3], outline[:, 3]) - np.minimum(box[:, 1], outline[:, 1])
-    return width / np.maximum(outline[:, 2] - outline[:, 0], 1e-9) * height / np.maximum(either, 1e-9)
+    share = width / np.maximum(outline[:, 2] - outline[:, 0], 1e-9)
+    return np.asarray(share * height / np.maximum(either, 1e-9), np.float64)
 
 
 def _find_parts(objects: Shown, whole: Shown, std: Float64) -> Bool:
