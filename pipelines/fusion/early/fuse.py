@@ -86,6 +86,7 @@ class Candidates:
     boxes: Boxes3D  # (M) with label, score, sources and, where radar measured it, velocity along the line of sight
     label: Text  # (M,)
     score: Float64  # (M,) 0 to 1
+    alone: Float64  # (M,) the same where no camera's box held it
 
 
 def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
@@ -122,7 +123,7 @@ def find_candidates(scene: Scene, params: EarlyParams) -> Candidates:
     names = np.array([one.label for one in seen.observations] or [""], np.str_)
     label = np.where(groups.observation >= 0, names[groups.observation], label)
     boxes, overlap = place_boxes(scene, seen, groups, shape, label)
-    score = _existence(scene, seen, groups, counts, by_shape, overlap, params.existence)
+    score, alone = _existence(scene, seen, groups, counts, by_shape, overlap, params.existence)
     bearing = np.arctan2(boxes.center_m[:, 1] - scene.eye_m[1], boxes.center_m[:, 0] - scene.eye_m[0])
     rate = _rates(cloud, groups, counts)
     found = replace(
@@ -132,7 +133,7 @@ def find_candidates(scene: Scene, params: EarlyParams) -> Candidates:
         score=score,
         sources=counts.sources,
     )
-    return Candidates(seen, groups, counts, found, label, score)
+    return Candidates(seen, groups, counts, found, label, score, alone)
 
 
 def _existence(
@@ -143,8 +144,10 @@ def _existence(
     by_shape: Float64,
     overlap: Float64,
     params: ExistenceParams,
-) -> Float64:
-    """Probability (M,) of groups, given that by shape (M,) and the boxes' IoU (M,), NaN where there is none."""
+) -> tuple[Float64, Float64]:
+    """Probability (M,) of groups, given that by shape (M,) and the boxes' IoU (M,), NaN where there is none; and that
+    without the cameras' boxes.
+    """
     camera_score = np.append(seen.sightings.score, np.nan)[groups.observation]
     is_sure = np.append(seen.sightings.is_sure, False)[groups.observation]
     height_px = groups.sums(seen.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1)
@@ -166,8 +169,9 @@ def _existence(
     )
     confirmed = np.where(is_sure, with_camera, np.where(has_shape, np.fmax(with_camera, alone), alone))
     total = np.where(np.isfinite(camera_score), confirmed, alone)
-    total[only_stereo & (counts.moving == 0)] = -np.inf  # LiDARs see whatever stereo sees and isn't noise
-    return probability_of(np.clip(total, -30.0, 30.0))
+    for odds in (total, alone):
+        odds[only_stereo & (counts.moving == 0)] = -np.inf  # LiDARs see whatever stereo sees and isn't noise
+    return probability_of(np.clip(total, -30.0, 30.0)), probability_of(np.clip(alone, -30.0, 30.0))
 
 
 def _limit_odds(probability: Float64, most: float) -> Float64:

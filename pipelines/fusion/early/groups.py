@@ -61,16 +61,17 @@ def label_points(
 ) -> Observed:
     """Give points the camera boxes that they project into, where their depth fits.
 
-    In each camera nearer objects take their points first, those that the camera is sure of before all others. An object
-    takes the points of one stretch of distances, as deep as it may be: that with most points, weighted by how well they
-    fit the distance that the box's size and the ground suggest. What stands before and behind it keeps out. Of the
-    observations of one object one counts: of those with its likeliest label that whose points most others show, too. Of
-    two objects the likelier one takes a point.
+    In each camera objects that it is sure of take their points first, the nearest of them before others, as it hides
+    what lies behind it; then all others, the likeliest first. An object takes the points of one stretch of distances,
+    as deep as it may be: that with most points, weighted by how well they fit the distance that the box's size and the
+    ground suggest. What stands before and behind it keeps out. Of the observations of one object one counts: of those
+    with its likeliest label that whose points most others show, too. Of two objects the likelier one takes a point.
     """
     height, known = np.zeros(len(cloud)), list[CameraObservation]()
     for name in sorted(cameras):
         found = observe_camera(rig, name, cameras[name], plane, AssociationParams())
-        known += sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist()))
+        # Among dozens of unsure boxes some always are nearer than that which shows the object.
+        known += sorted(found, key=lambda s: (not s.is_sure, s.near_m if s.is_sure else -s.score, *s.xyxy_px.tolist()))
     joint, taken = join_sightings(rig, sorted(cameras), known, AssociationParams()), list[Int64]()
     weak = list[bool]()
     for name in sorted(cameras):

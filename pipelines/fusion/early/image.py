@@ -9,7 +9,7 @@ import numpy as np
 from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
 from fbench.pipelines.fusion.early.fuse import Candidates, EarlyParams, choose, find_candidates
 from fbench.pipelines.fusion.early.groups import Groups
-from fbench.pipelines.fusion.observations import AT_MIN_SCORE, CameraObservation
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, CameraObservation, inside_shares
 from fbench.pipelines.fusion.reliability import CameraReliability, saturate
 from fbench.pipelines.sensors.image.objects import focal_scale, outlines
 from fbench.pipelines.sensors.image.stage import Rays
@@ -24,6 +24,9 @@ from fbench.replay.geometry.camera import in_image, project_body, project_boxes
 from fbench.replay.geometry.iou import iou_2d
 
 _FEWEST_ECHOES = 6  # So many echoes of a radar that shows shapes outline what they are of
+_PART, _REACH = 0.6, 1.8
+"""What lies by this share in an object's box, and at most so many standard deviations of the camera's distance from it,
+is a part of it."""
 _SAME = 0.5  # Of two objects with a larger IoU the farther one would be hidden
 
 
@@ -56,6 +59,9 @@ class EarlyImageParams(EarlyParams, prefix="fusion"):
     most_unseen: float = in_range(1.0, 0, 1000)
     """Largest logarithm of the odds of what a camera surely ought to see and doesn't, before `unseen_by_camera`; twice
     as large where it ought to see half of such objects."""
+    least_alike: float = in_range(0.25, 0, 1)
+    """IoU of a box that its camera isn't sure of with the outline of an object's points, below which it doesn't show
+    that object [0 to 1]."""
     least_inside: float = in_range(0.3, 0, 1)
     """Objects with less than this share of their points in an image have an outline there only by a camera's box."""
 
@@ -67,6 +73,7 @@ class Groups2D:
     found: Candidates
     kept: Bool  # (M,) whether early fusion in 3D reports it
     distance_m: Float64  # (M,) from the body's origin to the middle [m]
+    near_m: Float64  # (M,) from the body's origin to the nearest point [m]
     rate_mps: Float64  # (M,) change of the distance [m/s], positive when receding; NaN where unknown
     shown: Int64  # (S,) the group of each observation, -1: none
 
@@ -96,14 +103,19 @@ def fuse_in_images(
     objects that cameras see at present.
 
     Objects are those that early fusion finds in space, and what a camera is sure of. An object has its class and
-    outline from the camera that sees it, drawn toward that of its points, the more the less the camera is sure; without
-    one it is outlined by its points. Of objects in one place of an image the surest stays.
+    outline from the camera that sees it, drawn toward that of its points, the more the less the camera is sure, and all
+    the way where it isn't sure and sees it elsewhere. Without a camera it is outlined by its points, and so it is where
+    an unsure box is hardly there at all. Of objects in one place of an image the surest stays.
     """
     found = find_candidates(scene, params)
     kept = np.zeros(len(found.groups), np.bool_)
     kept[choose(found, params)] = True
     distance = np.sqrt((found.boxes.center_m**2).sum(axis=1))
-    groups = Groups2D(found, kept, distance, range_rates(scene.cloud, found.groups), match_groups(found, scene.cloud))
+    reach = np.sqrt((scene.cloud.xyz[found.groups.rows] ** 2).sum(axis=1))
+    near = np.minimum.reduceat(reach, found.groups.first[:-1]) if len(kept) else distance
+    groups = Groups2D(
+        found, kept, distance, near, range_rates(scene.cloud, found.groups), match_groups(found, scene.cloud)
+    )
     return concatenate([
         _outline(scene, groups, name, rays.get(name), params, camera_share if name in scene.cameras else 0.0)
         for name in cameras
@@ -181,6 +193,7 @@ class Shown(Rows):
     label: Text  # (N,)
     score: Float64  # (N,) 0 to 1
     distance_m: Float64  # (N,) from the body's origin to the middle [m]
+    near_m: Float64  # (N,) from the body's origin to the nearest point [m]; NaN where no points show it
     rate_mps: Float64  # (N,) change of the distance [m/s], positive when receding; NaN where unknown
     sources: Array  # (N,) uint8 bits of `Source`
 
@@ -197,20 +210,31 @@ def _outline(
     shown = groups.shown.copy()
     shown[able] = _take_over([every[at] for at in able], groups.shown[able], kept, around, unseen)
     shown = shown[rows]
-    is_used = np.array([every[at].is_sure for at in rows], np.bool_) | kept[shown]
-    rows, shown = rows[is_used], shown[is_used]
+    is_sure = np.array([every[at].is_sure for at in rows], np.bool_)
+    # A post in a chance box of a truck is no truck.
+    apart = ~is_sure & (_agreement([every[at] for at in rows], shown, around) < params.least_alike)
+    likely, sources = found.score.copy(), found.counts.sources.copy()
+    likely[shown[apart]] = found.alone[shown[apart]]
+    sources[shown[apart]] &= ~np.uint8(Source.C)
+    shown[apart] = -1
+    unseen &= likely >= params.min_score
+    is_used = is_sure | kept[shown]
+    rows, shown, is_sure = rows[is_used], shown[is_used], is_sure[is_used]
     by_camera = _take_cameras(scene, groups, [every[at] for at in rows], shown, around, rays, params)
     unseen[shown[shown >= 0]] = False
     sides = around[unseen, 2:] - around[unseen, :2]
     looked = camera_share * saturate(np.sqrt(sides.prod(axis=1)), params.camera_size_px)
     doubt = np.log(np.maximum(1 - (1 - params.unseen_by_camera) * looked, 1e-9))
-    odds = np.minimum(log_odds(found.score[unseen], 1e-9), params.most_unseen / np.maximum(looked, 1e-9))
+    odds = np.minimum(log_odds(likely[unseen], 1e-9), params.most_unseen / np.maximum(looked, 1e-9))
     score = probability_of(odds + doubt)
     by_points = Shown(
-        around[unseen], found.label[unseen], score, groups.distance_m[unseen], groups.rate_mps[unseen],
-        found.counts.sources[unseen],
+        around[unseen], found.label[unseen], score, groups.distance_m[unseen], groups.near_m[unseen],
+        groups.rate_mps[unseen], sources[unseen],
     )  # fmt: skip
-    result = Shown.join([by_camera, by_points])
+    result, is_whole = Shown.join([by_camera, by_points]), is_sure & (shown >= 0)
+    std = np.array([every[at].std for at in rows[is_whole]], np.float64)
+    is_part = _find_parts(result, by_camera[is_whole], std) & ~np.append(is_sure, np.zeros(len(by_points), np.bool_))
+    result = result[~is_part]
     result = result[np.lexsort((*result.xyxy_px.T[::-1], -result.score))]
     result = result[result.score >= params.min_score]
     result = result[suppress(iou_2d(result.xyxy_px, result.xyxy_px) > _SAME)]
@@ -223,6 +247,29 @@ def _outline(
         range_rate_mps=result.rate_mps,
         sources=result.sources,
     )
+
+
+def _agreement(seen: Sequence[CameraObservation], group: Int64, around: Float64) -> Float64:
+    """How far boxes (N,) of one camera show the groups that they took, 0 to 1: the share of the width of the group's
+    outline that is in the box, times the IoU of their heights. Of what is partly hidden points show less of the width
+    than the box. NaN without a group, or an outline of it.
+    """
+    box = np.array([one.xyxy_px for one in seen], np.float64).reshape(-1, 4)
+    outline = np.concatenate([around, np.full((1, 4), np.nan)])[group]
+    common = np.minimum(box[:, 2:], outline[:, 2:]) - np.maximum(box[:, :2], outline[:, :2])
+    width, height = np.maximum(common, 0.0).T
+    either = np.maximum(box[:, 3], outline[:, 3]) - np.minimum(box[:, 1], outline[:, 1])
+    share = width / np.maximum(outline[:, 2] - outline[:, 0], 1e-9)
+    return np.asarray(share * height / np.maximum(either, 1e-9), np.float64)
+
+
+def _find_parts(objects: Shown, whole: Shown, std: Float64) -> Bool:
+    """Which objects (N,) lie in what a sure camera and other sensors show (M) and are about as far away, given the
+    standard deviations (M,) of the logarithms of distances that the camera guesses.
+    """
+    share = inside_shares(objects.xyxy_px, whole.xyxy_px)
+    off = np.abs(np.log(np.maximum(objects.near_m[:, None], 0.1) / np.maximum(whole.near_m, 0.1)))
+    return np.asarray(((share > _PART) & (off < _REACH * std)).any(axis=1), np.bool_)
 
 
 def _take_over(seen: Sequence[CameraObservation], group: Int64, kept: Bool, around: Float64, is_free: Bool) -> Int64:
@@ -264,6 +311,7 @@ def _take_cameras(
     sure = np.minimum(score / AT_MIN_SCORE, 1.0)
     share = np.where(drawn, sure * params.measured_share + (1 - sure) * params.weak_measured_share, 0.0)
     target = np.concatenate([around, np.zeros((1, 4))])[group]
+    share[drawn & (sure < 1) & (_agreement(seen, group, around) <= _SAME)] = 1.0  # between two places is neither
     moved = box + share[:, None] * (target - box)
     guess = np.array([_distance_m(scene, one) for one in seen], np.float64)
     return Shown(
@@ -271,6 +319,7 @@ def _take_cameras(
         np.array([one.label for one in seen], np.str_),
         np.maximum(alone, likely),
         np.where(group >= 0, np.append(groups.distance_m, 0.0)[group], guess),
+        np.append(groups.near_m, np.nan)[group],
         np.append(groups.rate_mps, np.nan)[group],
         np.append(groups.found.counts.sources, np.uint8(Source.C))[group] | np.uint8(Source.C),
     )

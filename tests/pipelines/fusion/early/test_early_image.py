@@ -9,7 +9,7 @@ from tests.pipelines.fusion.early.clouds import L, R, S, joined, points
 from tests.pipelines.scenes import car_back, echoes
 
 from fbench.pipelines.fusion.early.cloud import Scene
-from fbench.pipelines.fusion.early.fuse import EarlyParams, find_candidates
+from fbench.pipelines.fusion.early.fuse import EarlyParams, choose, find_candidates
 from fbench.pipelines.fusion.early.groups import Groups
 from fbench.pipelines.fusion.early.image import EarlyImageFusion, EarlyImageParams, fuse_in_images, range_rates
 from fbench.pipelines.sensors.camera.detector import CameraDetections
@@ -93,6 +93,64 @@ def test_the_less_a_camera_is_sure_the_more_the_points_count():
     ]
     assert left == sorted(left, reverse=True)
     assert left[0] == pytest.approx(beside[0] - 0.1 * 4)
+
+
+@pytest.mark.parametrize(("score", "kept_at_px"), [(0.9, 30.0), (0.5, 0.0)])
+def test_between_two_places_is_no_outline(score, kept_at_px):
+    """Boxes 30 px beside points that are 45 px wide: an IoU of 0.2."""
+    how, points_px = (
+        EarlyImageParams(measured_share=0.0, weak_measured_share=0.3, margin_px=0.0, least_alike=0.1),
+        377.0,
+    )
+    beside = [BOX[0] + 30, 309.5, BOX[2] + 30, 339.5]
+    car = found(joined(CAR, MOVING), {"cam": seen(beside, score=score)}, how)
+    assert (len(car), car.sources.tolist()) == (1, [7])
+    assert car.xyxy_px[0, 0] == pytest.approx(points_px + kept_at_px)
+    near = [BOX[0] + 10, 309.5, BOX[2] + 10, 339.5]  # 35 of 55 px
+    car = found(joined(CAR, MOVING), {"cam": seen(near, score=score)}, how)
+    drawn = 0.3 * (1 - min(score, LEAST) / LEAST)  # `seen` says how sure a camera must be
+    assert car.xyxy_px[0, 0] == pytest.approx(points_px + 10 * (1 - drawn), abs=1.0)
+
+
+def test_a_post_in_an_unsure_box_of_a_truck_is_no_truck():
+    z = np.linspace(-1.5, -0.9, 12)
+    post = points(L, np.column_stack([np.full(24, 24.0), np.tile([-0.3, 0.3], 12), np.repeat(z, 2)]))
+    truck = {"cam": seen([357.0, 260.0, 442.0, 333.0], score=0.5, label="truck")}
+    scene = scene_of(post, truck)
+    candidates = find_candidates(scene, AS_SEEN)
+    assert candidates.groups.observation.tolist() == [0]  # the box takes its points
+    assert candidates.alone[0] < candidates.score[0]
+    loose, strict = (replace(AS_SEEN, min_score=0.0, least_alike=least) for least in (0.0, 0.25))
+    confirmed, apart = (fuse_in_images(scene, ["cam"], {}, how) for how in (loose, strict))
+    assert (confirmed.sources.tolist(), apart.sources.tolist()) == ([3], [2])
+    assert confirmed.score[0] == pytest.approx(candidates.score[0])
+    assert apart.score[0] <= candidates.alone[0]
+    sure = {"cam": seen([357.0, 260.0, 442.0, 333.0], score=0.9, label="truck")}
+    assert fuse_in_images(scene_of(post, sure), ["cam"], {}, strict).sources.tolist() == [3]
+
+
+def test_of_what_is_partly_hidden_points_show_less_of_the_width():
+    """Points at the right third of an unsure box, as high as it: the car isn't elsewhere."""
+    left, top, right, bottom = 332.0, 309.5, 422.0, 339.5
+    how = EarlyImageParams(measured_share=0.0, weak_measured_share=0.3, margin_px=0.0)
+    car = found(joined(CAR, MOVING), {"cam": seen([left, top, right, bottom], score=0.5)}, how)
+    assert car.sources.tolist() == [7]
+    assert left < car.xyxy_px[0, 0] < left + 0.3 * 45  # drawn toward the points, which begin 45 px to the right
+
+
+@pytest.mark.parametrize(("x_m", "num"), [(47.0, 1), (80.0, 2)])
+def test_parts_of_what_a_sure_camera_shows_whole_are_no_objects(x_m, num):
+    """What stands 47 m away in the box of a truck whose back is 40 m away is of the truck; 80 m is behind it."""
+    y, z = (a.ravel() for a in np.meshgrid(np.linspace(-1.2, 1.2, 9), np.linspace(-1.2, 1.2, 9)))
+    back = points(L, np.column_stack([np.full(81, 40.0), y, z]))
+    part = points(L, car_back(x_m, 0.01 * x_m, width_m=0.03 * x_m))
+    moving = points(R, echoes(x_m, 0.01 * x_m), rate_mps=3.0)
+    truck = {"cam": seen([380.5, 280.5, 417.5, 319.5], label="truck")}
+    scene, how = scene_of(joined(back, part, moving), truck), EarlyImageParams(min_score=0.05, margin_px=0.0)
+    assert len(choose(find_candidates(scene, how), how)) == 2  # they are two in space
+    shown = fuse_in_images(scene, ["cam"], {}, how)
+    assert shown.sources.tolist()[0] & int(Source.C)
+    assert len(shown) == num
 
 
 def test_what_only_a_camera_sees_keeps_its_score_and_a_guessed_distance():

@@ -70,6 +70,18 @@ def test_the_nearer_of_two_objects_takes_its_points_first():
     assert (found.instance == 1).sum() > 10
 
 
+def test_of_boxes_that_a_camera_isnt_sure_of_the_likelier_takes_its_points_before_the_nearer():
+    car, larger = points(L, car_back(20.0, 0.0)), [370.0, 296.0, 429.0, 348.0]
+    unsure = CameraDetections(np.array([larger, BOX]), np.array([0.3, 0.5]), np.array(["car", "car"]), 0.6)
+    found = labeled(car, {"cam": unsure})
+    nearer, likelier = (found.observations[at] for at in np.argsort([s.near_m for s in found.observations]))
+    assert nearer.xyxy_px.tolist() == larger
+    assert not likelier.is_sure
+    taken = {tuple(s.xyxy_px.tolist()): len(rows) for s, rows in zip(found.observations, found.taken, strict=True)}
+    assert taken[tuple(BOX)] > 25
+    assert taken[tuple(larger)] <= 10
+
+
 def test_radar_may_be_wrong_about_height_and_a_little_about_direction():
     beside = [[20.0, 1.0, 0.0], [20.5, 0.0, 3.0], [21.0, -1.0, -3.0]]
     assert labeled(points(R, beside, rate_mps=3.0), seen(BOX)).instance.tolist() == [0, 0, 0]
