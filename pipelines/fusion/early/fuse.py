@@ -148,8 +148,8 @@ def _existence(
     """Probability (M,) of groups, given that by shape (M,) and the boxes' IoU (M,), NaN where there is none; and that
     without the cameras' boxes.
     """
-    camera_score = np.append(seen.sightings.score, np.nan)[groups.observation]
-    is_sure = np.append(seen.sightings.is_sure, False)[groups.observation]
+    camera_score = np.append(seen.joint.score, np.nan)[groups.observation]
+    is_sure = np.append(seen.joint.is_sure, False)[groups.observation]
     height_px = groups.sums(seen.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1)
     has_dense = bool((scene.cloud.source != int(Source.R)).any())
     lidar, stereo = ((counts.sources & int(bit)) > 0 for bit in (Source.L, Source.S))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud
+from fbench.pipelines.fusion.joint import JointObservations, join_observations
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, as_probability, observe_camera
-from fbench.pipelines.fusion.sightings import Sightings, join_sightings
 from fbench.pipelines.fusion.sizes import SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
@@ -52,7 +52,7 @@ class Observed:
     what the camera sees."""
     taken: tuple[Int64, ...]
     """Of each observation the points (rows of the cloud) that it shows, also where another camera's counts."""
-    sightings: Sightings  # Which of them show one object
+    joint: JointObservations  # Which of them show one object
     is_weak: Bool  # (S,) whether they count only where LiDAR and stereo show no shape
 
 
@@ -72,7 +72,7 @@ def label_points(
         found = observe_camera(rig, name, cameras[name], plane, AssociationParams())
         # Among dozens of unsure boxes some always are nearer than that which shows the object.
         known += sorted(found, key=lambda s: (not s.is_sure, s.near_m if s.is_sure else -s.score, *s.xyxy_px.tolist()))
-    joint, taken = join_sightings(rig, sorted(cameras), known, AssociationParams()), list[Int64]()
+    joint, taken = join_observations(rig, sorted(cameras), known, AssociationParams()), list[Int64]()
     weak = list[bool]()
     for name in sorted(cameras):
         uv, _ = project_body(rig, name, cloud.xyz)

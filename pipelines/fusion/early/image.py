@@ -130,8 +130,8 @@ def match_groups(found: Candidates, cloud: FusedCloud) -> Int64:
     made, number = np.full(len(seen.observations), -1), np.full(len(cloud), -1)
     number[groups.rows] = groups.number
     own = np.flatnonzero(groups.observation >= 0)
-    made[seen.sightings.number[groups.observation[own]]] = own
-    result = made[seen.sightings.number]
+    made[seen.joint.number[groups.observation[own]]] = own
+    result = made[seen.joint.number]
     taken = {(one.camera, int(at)) for one, at in zip(seen.observations, result, strict=True) if at >= 0}
     wanted = []
     for at in np.flatnonzero((result < 0) & ~seen.is_weak).tolist():

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.fusion import observations
+from fbench.pipelines.fusion.joint import camera_ratios
 from fbench.pipelines.fusion.kernels import agglomerate
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE, AssociationParams, CameraObservation, Clusters, Overlap
-from fbench.pipelines.fusion.sightings import camera_ratios
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.rig import Rig

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fbench.pipelines.fusion.joint import expected_share
 from fbench.pipelines.fusion.kernels import nearest_by_bearing, occlusion_shares
 from fbench.pipelines.fusion.late.association import Association
 from fbench.pipelines.fusion.late.place import Observations
@@ -19,7 +20,6 @@ _BINS = 720
 _SECTORS = 36
 _HIDES_M = (0.5, 2.2)
 _BEHIND_M = 1.5
-_STEEPNESS = 2.0
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: F
     uv, depth = project_body(rig, name, targets.center_m)
     model = rig.cameras[name]
     height = model.K[1, 1] * targets.size_lwh_m[:, 2] / np.maximum(depth, 0.1)
-    share = 1 / (1 + (params.camera_height_px / np.maximum(height, 1e-3)) ** (2 * _STEEPNESS))
+    share = expected_share(height, params.camera_height_px)
     could = np.where(in_image(model, uv), share, 0.0) * open_share
     # How much better than half the objects that LiDAR places cover the camera's boxes.
     fits = np.zeros(len(own))

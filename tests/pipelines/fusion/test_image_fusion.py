@@ -26,7 +26,7 @@ def camera(*boxes, score=0.8, label="car", min_score=0.6):
 
 
 def view(camera=None, lidar=None, radar=None) -> ImageView:
-    """What a camera (its sightings), LiDAR and radar (clouds) see."""
+    """What a camera (its observations), LiDAR and radar (clouds) see."""
     clouds = ((Source.L, lidar), (Source.R, radar))
     parts = [by_points(spots(RIG, "cam", one, PARAMS), kind) for kind, one in clouds if one is not None]
     parts += [] if camera is None else [camera]

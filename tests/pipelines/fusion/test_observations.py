@@ -16,13 +16,13 @@ def lift(found, plane=PLANE):
 @pytest.mark.parametrize("distance", [8.0, 20.0, 45.0])
 @pytest.mark.parametrize("plane", [PLANE, None])
 def test_distance_of_a_typical_car(distance, plane):
-    (sighting,) = lift(outline(car(distance, 1.0)), plane)
+    (observation,) = lift(outline(car(distance, 1.0)), plane)
     near = np.hypot(distance - 2.1 - 0.5, 1.0)
-    assert sighting.near_m == pytest.approx(near, rel=0.01)
-    assert sighting.bearing_rad == pytest.approx(np.arctan2(1.0, distance - 2.6), abs=0.01)
-    assert sighting.depth_m == pytest.approx(2.1, abs=0.02)
-    assert sighting.aspect_rad == pytest.approx(0.0, abs=0.02)
-    assert not sighting.cut
+    assert observation.near_m == pytest.approx(near, rel=0.01)
+    assert observation.bearing_rad == pytest.approx(np.arctan2(1.0, distance - 2.6), abs=0.01)
+    assert observation.depth_m == pytest.approx(2.1, abs=0.02)
+    assert observation.aspect_rad == pytest.approx(0.0, abs=0.02)
+    assert not observation.cut
 
 
 def test_the_ground_tells_the_distance_of_a_car_of_unusual_height():
@@ -34,33 +34,33 @@ def test_the_ground_tells_the_distance_of_a_car_of_unusual_height():
 
 
 def test_a_low_truck_is_a_van():
-    (sighting,) = lift(outline(car(15.0, size=(5.0, 2.0, 2.0)), label="truck"))
-    assert sighting.size_lwh_m == pytest.approx([5.0, 2.0, 2.0], rel=0.1)
-    (sighting,) = lift(outline(car(20.0, size=(8.0, 2.5, 3.2)), label="truck"))
-    assert sighting.size_lwh_m == pytest.approx([8.0, 2.5, 3.2], rel=0.1)
+    (observation,) = lift(outline(car(15.0, size=(5.0, 2.0, 2.0)), label="truck"))
+    assert observation.size_lwh_m == pytest.approx([5.0, 2.0, 2.0], rel=0.1)
+    (observation,) = lift(outline(car(20.0, size=(8.0, 2.5, 3.2)), label="truck"))
+    assert observation.size_lwh_m == pytest.approx([8.0, 2.5, 3.2], rel=0.1)
 
 
 def test_a_car_seen_from_its_side():
     box = car(15.0, size=(4.2, 1.8, 1.55), yaw=np.pi / 2)
     rectangle, _ = project_boxes(RIG, "cam", box)
     found = CameraDetections(rectangle, np.array([0.8]), np.array(["car"]))
-    (sighting,) = lift(found)
-    assert sighting.aspect_rad == pytest.approx(np.pi / 2)
-    assert sighting.depth_m == pytest.approx(0.9)
+    (observation,) = lift(found)
+    assert observation.aspect_rad == pytest.approx(np.pi / 2)
+    assert observation.depth_m == pytest.approx(0.9)
 
 
 def test_a_bus_that_the_border_cuts_off_reaches_beyond_it():
     found = CameraDetections(np.array([[900.0, 250, 1279, 460]]), np.array([0.8]), np.array(["bus"]))
-    (sighting,) = lift(found)
-    assert sighting.cut
-    assert sighting.beside_m < -2
-    assert sighting.aspect_rad == pytest.approx(np.pi / 2)
+    (observation,) = lift(found)
+    assert observation.cut
+    assert observation.beside_m < -2
+    assert observation.aspect_rad == pytest.approx(np.pi / 2)
 
 
 def test_a_car_whose_foot_is_below_the_image_is_guessed_by_height_with_care():
     found = CameraDetections(np.array([[500.0, 300, 800, 719]]), np.array([0.8]), np.array(["car"]))
-    (sighting,) = lift(found)
-    assert sighting.std == pytest.approx(0.3)
+    (observation,) = lift(found)
+    assert observation.std == pytest.approx(0.3)
 
 
 def test_boxes_above_the_horizon_and_other_labels():

@@ -58,18 +58,18 @@ def test_a_fisheye_lifts_what_is_beside_and_behind_it(bearing):
     box = car(0.0)
     place = 12 * np.array([np.cos(angle), np.sin(angle), 0]) + [0.5, 0, box.center_m[0, 2]]
     box = replace(box, center_m=place[None], yaw_rad=np.array([angle]))
-    (sighting,) = observe_camera(rig, "cam", near_side(rig, box), PLANE, AssociationParams())
+    (observation,) = observe_camera(rig, "cam", near_side(rig, box), PLANE, AssociationParams())
     # Far from the axis a car looks taller on its outer side, and so do boxes around it.
-    assert sighting.near_m == pytest.approx(12 - 2.1, rel=0.07)
-    assert sighting.bearing_rad == pytest.approx(angle, abs=0.01)
+    assert observation.near_m == pytest.approx(12 - 2.1, rel=0.07)
+    assert observation.bearing_rad == pytest.approx(angle, abs=0.01)
 
 
 def test_the_border_of_the_real_image_cuts():
     rig = bent_rig("plumb_bob", (-0.25, 0.08, 0, 0, 0))
     found = CameraDetections(np.array([[1000.0, 300, 1279, 460]]), np.array([0.8]), np.array(["car"]))
-    (sighting,) = observe_camera(rig, "cam", found, PLANE, AssociationParams())
-    assert sighting.cut
-    assert sighting.xyxy_px.tolist() == [1000, 300, 1279, 460]
+    (observation,) = observe_camera(rig, "cam", found, PLANE, AssociationParams())
+    assert observation.cut
+    assert observation.xyxy_px.tolist() == [1000, 300, 1279, 460]
 
 
 def test_a_box_that_no_ray_leads_to_is_left_out():

@@ -9,12 +9,12 @@ from tests.pipelines.fusion.views import PLANE, RIG, car, outline
 from fbench.pipelines.fusion.late.fuse import lower_nested
 from fbench.pipelines.fusion.observations import AssociationParams, observe_camera
 
-SIGHTING = observe_camera(RIG, "cam", outline(car(20.0)), PLANE, AssociationParams())[0]
+OBSERVATION = observe_camera(RIG, "cam", outline(car(20.0)), PLANE, AssociationParams())[0]
 
 
 def boxed(left, right, score, camera="cam", label="car"):
     edges = np.array([left, 100.0, right, 200.0])
-    return replace(SIGHTING, xyxy_px=edges, score=score, is_sure=score >= 0.55, camera=camera, label=label)
+    return replace(OBSERVATION, xyxy_px=edges, score=score, is_sure=score >= 0.55, camera=camera, label=label)
 
 
 def told(*seen):
@@ -39,7 +39,7 @@ def test_a_large_box_around_a_surer_small_one_stays():
 
 
 def boxed_upright(left, top, right, bottom, score, label):
-    return replace(SIGHTING, xyxy_px=np.array([left, top, right, bottom], np.float64), score=score, label=label)
+    return replace(OBSERVATION, xyxy_px=np.array([left, top, right, bottom], np.float64), score=score, label=label)
 
 
 @pytest.mark.parametrize(("bottom", "score"), [(210.0, 0.8), (201.0, 0.8 * 0.02), (190.0, 0.8 * 0.01)])

@@ -7,8 +7,8 @@ from tests.pipelines.fusion.views import AHEAD, PLANE, K, car
 from tests.pipelines.scenes import car_back
 
 from fbench.pipelines.fusion.early.groups import SemanticsParams, label_points
+from fbench.pipelines.fusion.joint import UNREPORTED, camera_ratios, join_observations
 from fbench.pipelines.fusion.observations import AssociationParams, observe_camera
-from fbench.pipelines.fusion.sightings import UNREPORTED, camera_ratios, join_sightings
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import project_boxes
@@ -39,7 +39,7 @@ def logit(p):
 
 
 def joint(working=NAMES, **scores):
-    return join_sightings(RIG, sorted(working), observed(**scores), AssociationParams())
+    return join_observations(RIG, sorted(working), observed(**scores), AssociationParams())
 
 
 def test_the_mean_of_what_cameras_say_counts():
@@ -65,7 +65,7 @@ def test_one_that_looks_elsewhere_says_nothing():
     assert joint(working=["middle", "back"], middle=[0.7]).score == pytest.approx([0.7])
 
 
-def test_two_boxes_of_one_camera_are_not_one_sighting_and_the_surer_one_is_joined():
+def test_two_boxes_of_one_camera_are_not_one_observation_and_the_surer_one_is_joined():
     found = joint(left=[0.8], middle=[0.3, 0.8], working=["left", "middle"])
     assert found.number.tolist() == [0, 1, 0]
 
@@ -88,5 +88,5 @@ def test_one_false_alarm_of_three_cameras_takes_points_once():
         box = project_boxes(RIG, name, car(distance))[0]
         cameras[name] = CameraDetections(box, np.array([0.6]), np.array(["car"]))
     seen = label_points(RIG, cameras, cloud, PLANE, SemanticsParams())
-    assert seen.sightings.number.tolist() == [0, 0, 0]
+    assert seen.joint.number.tolist() == [0, 0, 0]
     assert len(np.unique(seen.instance[seen.instance >= 0])) == 1

@@ -1,4 +1,4 @@
-"""Sightings: what several cameras see of one object is one piece of evidence."""
+"""Joint observations: what several cameras see of one object is one piece of evidence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -51,18 +51,18 @@ def camera_ratios(seen: Sequence[CameraObservation], params: AssociationParams) 
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class JointObservations:
     """Which of S observations show one object, and how likely all cameras together make it."""
 
     number: Int64  # (S,) the first observation of the same object
-    score: Float64  # (S,) probability of the object of each, see `join_sightings`
+    score: Float64  # (S,) probability of the object of each, see `join_observations`
     is_sure: Bool  # (S,) whether the cameras together would report it
     near_m: Float64  # (S,) distance of the near side from the camera of each [m], as all cameras together guess it
 
 
-def join_sightings(
+def join_observations(
     rig: Rig, working: Sequence[str], seen: Sequence[CameraObservation], params: AssociationParams
-) -> Sightings:
+) -> JointObservations:
     """Find which observations of working cameras show one object.
 
     Cameras whose views overlap see the same picture, and share their mistakes. How likely an object is follows from the
@@ -72,26 +72,26 @@ def join_sightings(
     score, is_sure = np.array([s.score for s in seen], np.float64), np.array([s.is_sure for s in seen], np.bool_)
     number, near = np.arange(len(seen)), np.array([s.near_m for s in seen], np.float64)
     if len(working) < 2 or not len(seen):
-        return Sightings(number, score, is_sure, near)
+        return JointObservations(number, score, is_sure, near)
     # Weak boxes, such as second ones of one thing, mustn't take what surer ones may have.
     weakness = np.maximum(log_odds(AT_MIN_SCORE) - log_odds(score), 0.0)
     upper = np.triu(camera_ratios(seen, params) - weakness[:, None] - weakness, 1)
     number = agglomerate(upper + upper.T)
     camera = np.array([working.index(s.camera) for s in seen])
-    looks = _looks(rig, working, seen)
-    looks[np.arange(len(seen)), camera] = 1.0
-    told = np.full(looks.shape, log_odds(UNREPORTED))
-    told[np.arange(len(seen)), camera] = log_odds(score, _LEAST)
+    expected = _expected_shares(rig, working, seen)
+    expected[np.arange(len(seen)), camera] = 1.0
+    opinions = np.full(expected.shape, log_odds(UNREPORTED))
+    opinions[np.arange(len(seen)), camera] = log_odds(score, _LEAST)
     for one in np.unique(number):
         rows = np.flatnonzero(number == one)
-        weight, opinion = looks[rows].max(axis=0), told[rows].max(axis=0)
+        weight, opinion = expected[rows].max(axis=0), opinions[rows].max(axis=0)
         weight[camera[rows]] = 1.0
-        opinion[camera[rows]] = told[rows, camera[rows]]
+        opinion[camera[rows]] = opinions[rows, camera[rows]]
         if np.count_nonzero(weight) > 1:
             score[rows] = probability_of((weight * opinion).sum(keepdims=True) / weight.sum())
             near[rows] = _join_distances([seen[at] for at in rows.tolist()])
             is_sure[rows] = is_sure[rows].any() and score[rows[0]] >= AT_MIN_SCORE
-    return Sightings(number, score, is_sure, near)
+    return JointObservations(number, score, is_sure, near)
 
 
 def _join_distances(seen: Sequence[CameraObservation]) -> Float64:
@@ -105,11 +105,11 @@ def _join_distances(seen: Sequence[CameraObservation]) -> Float64:
     return np.asarray(np.exp((guess * weight).sum(axis=1) / weight.sum()), np.float64)
 
 
-def _looks(rig: Rig, working: Sequence[str], seen: Sequence[CameraObservation]) -> Float64:
+def _expected_shares(rig: Rig, working: Sequence[str], seen: Sequence[CameraObservation]) -> Float64:
     """How far each camera (C) ought to see what each observation (S, C) shows: 0 out of its image, and where something
     hides it that the camera is sure of.
     """
-    place = np.array([_place(rig, s) for s in seen]).reshape(-1, 3)
+    place = np.array([_locate(rig, s) for s in seen]).reshape(-1, 3)
     height_m = np.array([s.size_lwh_m[2] for s in seen], np.float64)
     result = np.zeros((len(seen), len(working)))
     for at, name in enumerate(working):
@@ -126,7 +126,7 @@ def _looks(rig: Rig, working: Sequence[str], seen: Sequence[CameraObservation]) 
     return result
 
 
-def _place(rig: Rig, one: CameraObservation) -> Float64:
+def _locate(rig: Rig, one: CameraObservation) -> Float64:
     """Middle (3,) of what a camera sees, along the ray through the middle of its box, in body coordinates [m]."""
     left, top, right, bottom = one.xyxy_px
     ray = rays(rig.cameras[one.camera], np.array([[(left + right) / 2, (top + bottom) / 2]]))[0]
