@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from fbench.api.scores import open_folder
+from fbench.api.scores import open_folder, open_folders
 from fbench.api.suites.cells import CELLS
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
@@ -80,7 +80,7 @@ def tables(runs: Sequence[Path | str], folder: Path) -> list[Path]:
 
     if is_suite(runs):
         return write_suite_tables(_results(runs[0]), folder)
-    return write_tables([open_folder(Path(run)) for run in runs], folder)
+    return write_tables(open_folders(runs), folder)
 
 
 def figures(runs: Sequence[Path | str], folder: Path) -> list[Path]:
@@ -93,7 +93,7 @@ def figures(runs: Sequence[Path | str], folder: Path) -> list[Path]:
 
     if is_suite(runs):
         return draw_suite(_results(runs[0]), folder)
-    opened = [open_folder(Path(run)) for run in runs]
+    opened = open_folders(runs)
     curves: list[Curve | None] = []
     for run in opened:
         entry = detection_entries(run, _options_of(run))[0]
@@ -111,7 +111,7 @@ def render(runs: Sequence[Path | str]) -> bytes:
     folders = [Path(run) for run in runs]
     if len(folders) == 1 and not (folders[0] / "manifest.json").exists() and (folders[0] / "report.html").is_file():
         return (folders[0] / "report.html").read_bytes()
-    return page([open_folder(folder) for folder in folders]).encode("utf-8")
+    return page(open_folders(folders)).encode("utf-8")
 
 
 def comparison(compared: "Comparison", base: Path | str, head: Path | str, out: Path) -> Path:
@@ -136,8 +136,10 @@ def comparison(compared: "Comparison", base: Path | str, head: Path | str, out: 
 
 def is_suite(runs: Sequence[Path | str]) -> bool:
     """Tell whether the only folder is that of a suite, whose report its command wrote."""
-    there = [(Path(runs[0]) / name).is_file() for name in ("manifest.json", CELLS, "results.json")]
-    return len(runs) == 1 and not there[0] and any(there[1:])
+    if len(runs) != 1:
+        return False
+    is_run, *others = ((Path(runs[0]) / name).is_file() for name in ("manifest.json", CELLS, "results.json"))
+    return not is_run and any(others)
 
 
 def _options_of(run: Run) -> ScoreOptions:

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from fbench.api.scores import open_folder
+from fbench.api.scores import open_folder, open_folders
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.plugins import load
 from fbench.replay.data.scores import format_count, score_rows
@@ -168,7 +168,7 @@ def report(
         raise ConfigError(f"--budget-mb is for reports of kind html, not {kind}")
     if budget_mb is not None and not 0 < budget_mb < math.inf:
         raise ConfigError(f"--budget-mb: expected a positive number of MB, got {budget_mb:g}")
-    opened = [open_folder(Path(folder)) for folder in runs]
+    opened = open_folders(runs)
     path = out or opened[0].folder / "report.html"
     if budget_mb is None and base is None:
         load("reports", kind)().write(opened, path)

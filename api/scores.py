@@ -194,6 +194,13 @@ def open_folder(folder: Path) -> Run:
     return run
 
 
+def open_folders(folders: Sequence[Path | str]) -> list[Run]:
+    """Return the runs in folders. Raises as `open_folder`, and where none is named."""
+    if not folders:
+        raise ConfigError("expected at least one run folder, got none")
+    return [open_folder(Path(folder)) for folder in folders]
+
+
 def score_folder(
     folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None, budget_ms: float | None = None
 ) -> Run:

@@ -1,13 +1,18 @@
 """Contact sheets of runs: which runs are shown, which frame, and from where its pictures come."""
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 
 from fbench.api.reports import is_suite
-from fbench.api.scores import open_folder
+from fbench.api.scores import open_folder, open_folders
+from fbench.api.sides import open_results
+from fbench.api.suites.cells import CELLS
 from fbench.api.suites.suite import LOGS
 from fbench.datasets.city.spec import CONDITIONS
+from fbench.metrics.comparison.cells import CellSide
 from fbench.replay.conditions.disturb import DisturbedReader
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.errors import ConfigError
@@ -26,7 +31,7 @@ from fbench.replay.runs.media import MediaFrame, keep
 from fbench.replay.runs.redaction import public_id
 from fbench.replay.setup.request import make_disturbance
 from fbench.replay.setup.source import LogRequest, log_source
-from fbench.reports.sheet import Cell, Sheet, draw_sheet
+from fbench.reports.sheet import Cell, Sheet, draw_sheet, require_drawable
 
 _CLEAR = "clear"
 _LOGS = (".mcap", ".parquet", ".bag")
@@ -57,6 +62,18 @@ class SheetSummary:
     notes: Sequence[str] = ()  # What isn't shown, and why
 
 
+@dataclass(frozen=True, eq=False)
+class SheetPlan:
+    """What will be drawn; nothing of it is yet."""
+
+    request: SheetRequest
+    scene: str
+    cells: Mapping[tuple[str, str], Run]  # By row and column
+    index: int  # Of the frame
+    sources: Mapping[str, MediaFrame | Path | None]  # By column, in its order: pictures that a run kept, or the log
+    notes: Sequence[str]
+
+
 def sheet(request: SheetRequest) -> SheetSummary:
     """Draw one frame of all pipelines under all conditions; of several scenes the one with the most runs.
 
@@ -67,47 +84,95 @@ def sheet(request: SheetRequest) -> SheetSummary:
         MissingPackageError: without matplotlib.
         RunError: where a run is damaged.
     """
-    scene, named = _choose_scene(_open_runs(request.runs))
-    rows, columns = (list(dict.fromkeys(key[i] for key in named)) for i in (0, 1))
+    return draw(plan_sheet(request))
+
+
+def plan_sheet(request: SheetRequest) -> SheetPlan:
+    """Choose runs, frame and logs, and draw nothing. Raises as `sheet`, which does both."""
+    require_drawable(request.out)
+    named, notes = _open_runs(request.runs)
+    scene, cells = _choose_scene(named)
+    columns = list(dict.fromkeys(column for _, column in cells))
     columns.sort(key=lambda name: list(CONDITIONS).index(name) if name in CONDITIONS else len(CONDITIONS))
     logs = _Logs(request)
-    by_column = {column: [run for (_, own), run in named.items() if own == column] for column in columns}
+    by_column = {column: [run for (_, own), run in cells.items() if own == column] for column in columns}
     kept = {column: _merge_media(runs) for column, runs in by_column.items()}
     paths = {column: None if kept[column] and request.log is None else logs.find(runs[0])
              for column, runs in by_column.items()}  # fmt: skip
-    index = _choose_frame(request.frame, by_column, [kept[c] for c in columns if kept[c] and paths[c] is None])
-    media: dict[str, MediaFrame | None] = {}
+    pictures = [(kept[c], by_column[c]) for c in columns if kept[c] and paths[c] is None]
+    index = _choose_frame(request.frame, [*cells.values()], pictures)
+    sources, bare = dict[str, MediaFrame | Path | None](), list[str]()
     for column, runs in by_column.items():
-        path = paths[column] or (None if index in kept[column] else logs.find(runs[0]))
-        media[column] = kept[column].get(index) if path is None else _from_log(path, runs[0], index)
-    cells = {key: Cell(run, media[key[1]]) for key, run in named.items()}
-    draw_sheet(Sheet(f"{scene}, frame {index}", index, rows, columns, cells), request.out)
-    bare = [column for column in columns if media[column] is None]
-    notes = [f"no pictures of {', '.join(bare)}: the runs kept none of frame {index}; name the log with --log"]
-    return SheetSummary(index, len(rows), len(columns), scene, notes if bare else ())
+        sources[column] = paths[column] or kept[column].get(index) or logs.find(runs[0])
+        if sources[column] is None and _with_frame(runs, index):
+            bare.append(column)
+    if bare:
+        notes.append(f"no pictures of {', '.join(bare)}: the runs kept none of frame {index}; name the log with --log")
+    return SheetPlan(request, scene, cells, index, sources, tuple(notes))
 
 
-def _open_runs(folders: Sequence[Path | str]) -> list[Run]:
+def draw(plan: SheetPlan) -> SheetSummary:
+    """Draw what was chosen. Raises as `sheet`."""
+    rows, index = list(dict.fromkeys(row for row, _ in plan.cells)), plan.index
+    media: dict[str, MediaFrame | None] = {}
+    for column, source in plan.sources.items():
+        runs = _with_frame([run for (_, own), run in plan.cells.items() if own == column], index)
+        media[column] = (_from_log(source, runs[0], index) if runs else None) if isinstance(source, Path) else source
+    cells = {key: Cell(run, media[key[1]]) for key, run in plan.cells.items()}
+    draw_sheet(Sheet(f"{plan.scene}, frame {index}", index, rows, [*media], cells), plan.request.out)
+    return SheetSummary(index, len(rows), len(media), plan.scene, plan.notes)
+
+
+def _open_runs(folders: Sequence[Path | str]) -> tuple[list[tuple[str, Run]], list[str]]:
+    """Return runs with the names of their rows, and what of a suite isn't shown: parts of logs that are there whole."""
     if not is_suite(folders):
-        return [open_folder(Path(folder)) for folder in folders]
-    found = sorted(path.parent for path in Path(folders[0]).rglob("manifest.json"))
-    runs = [open_folder(folder) for folder in found if not any(part.startswith(".") for part in folder.parts)]
-    if not runs:
-        raise ConfigError(f"{folders[0]}: has no runs to draw")
-    names = [run.manifest.pipeline.rpartition("/")[2] for run in runs]
+        return [(run.manifest.pipeline, run) for run in open_folders(folders)], []
+    suite = Path(folders[0])
+    if (suite / CELLS).is_file():
+        cells = [(name, cell.run) for name, cell in open_results(suite).cells.items() if isinstance(cell, CellSide)]
+        paces = [f" x{name.rate}" if name.rate not in ("", "max") else "" for name, _ in cells]
+        named = [(name.pipeline + pace, run) for (name, run), pace in zip(cells, paces, strict=True) if run]
+    else:
+        found = sorted(path.parent for path in suite.rglob("manifest.json"))
+        runs = [open_folder(folder) for folder in found if not any(part.startswith(".") for part in folder.parts)]
+        named = [(run.manifest.pipeline, run) for run in runs]
+    if not named:
+        raise ConfigError(f"{suite}: has no runs to draw")
+    names = [run.manifest.pipeline.rpartition("/")[2] for _, run in named]
     order = [_ORDER.index(name) if name in _ORDER else len(_ORDER) for name in names]
-    return [runs[i] for i in sorted(range(len(runs)), key=order.__getitem__)]
+    named = [named[i] for i in sorted(range(len(named)), key=order.__getitem__)]
+    whole = [(row, run) for row, run in named if run.manifest.frames.excerpt == str(Excerpt())] or named
+    num = len(named) - len(whole)
+    return whole, [f"{format_count(num, 'run')} of a part of their log; name their folders to see them"] if num else []
 
 
-def _choose_scene(runs: Sequence[Run]) -> tuple[str, dict[tuple[str, str], Run]]:
-    """Return the scene with the most cells, the first of several, and its runs by pipeline and condition."""
-    scenes: dict[str, dict[tuple[str, str], Run]] = {}
-    for run in runs:
-        cells, key = scenes.setdefault(_scene(run), {}), (run.manifest.pipeline, _condition(run))
-        if key in cells:  # one pipeline with several settings
-            key = (f"{key[0]} {'/'.join(run.folder.resolve().parts[-2:])}", key[1])
-        cells[key] = run
-    return max(scenes.items(), key=lambda item: len(item[1]))
+def _choose_scene(named: Sequence[tuple[str, Run]]) -> tuple[str, dict[tuple[str, str], Run]]:
+    """Return the scene with the most cells, the first of several, and its runs by row and condition."""
+    scenes: dict[str, list[tuple[str, Run]]] = {}
+    for row, run in {run.folder.resolve(): (row, run) for row, run in named}.values():
+        scenes.setdefault(_scene(run), []).append((row, run))
+    scene, own = max(scenes.items(), key=lambda item: len(item[1]))
+    return scene, _name_cells(own)
+
+
+def _name_cells(named: Sequence[tuple[str, Run]]) -> dict[tuple[str, str], Run]:
+    """Return the runs of a scene by row and condition. One pipeline with several settings has a row for each, called
+    after what differs in their paths.
+    """
+    seeds = {run.manifest.seed for _, run in named if run.manifest.conditions}
+    keys = [
+        (row, _condition(run) + (f" (seed {run.manifest.seed})" if len(seeds) > 1 and run.manifest.conditions else ""))
+        for row, run in named
+    ]
+    several = {row for (row, _), num in Counter(keys).items() if num > 1}
+    for row in sorted(several):
+        own = [i for i, key in enumerate(keys) if key[0] == row]
+        columns, paths = [keys[i][1] for i in own], [named[i][1].folder.resolve() for i in own]
+        levels = zip_longest(*(path.parts[::-1] for path in paths), fillvalue="")  # the folders' own names first
+        parts = next((names for names in levels if len({*zip(names, columns, strict=True)}) == len(own)), None)
+        for i, part in zip(own, parts or map(str, paths), strict=True):
+            keys[i] = (part if row.rpartition("/")[2] in part else f"{row} {part}", keys[i][1])
+    return {key: run for key, (_, run) in zip(keys, named, strict=True)}
 
 
 def _scene(run: Run) -> str:
@@ -135,22 +200,28 @@ def _merge_media(runs: Sequence[Run]) -> dict[int, MediaFrame]:
     return found
 
 
-def _choose_frame(wanted: int | None, runs: dict[str, list[Run]], kept: Sequence[dict[int, MediaFrame]]) -> int:
-    """Return the wanted frame, else of those that can be drawn everywhere, if any, the first with the most truth."""
-    first = next(iter(runs.values()))[0]
-    there = [frame.index for frame in first.frames]
-    for run in (run for own in runs.values() for run in own):
-        have = {frame.index for frame in run.frames}
-        there = [index for index in there if index in have]
+def _choose_frame(
+    wanted: int | None, runs: Sequence[Run], pictures: Sequence[tuple[Mapping[int, MediaFrame], Sequence[Run]]]
+) -> int:
+    """Return the wanted frame, else of those that most runs have, and whose pictures runs kept, if any, the first with
+    the most truth. `pictures`: of columns without a log, and their runs.
+    """
+    nums = Counter(frame.index for run in runs for frame in run.frames)
+    if not nums:
+        raise ConfigError("the runs have no frames")
     if wanted is not None:
-        if wanted not in there:
-            span = f"{there[0]} to {there[-1]}" if there else "none"
-            raise ConfigError(f"--frame {wanted}: expected one that all runs have: {span}")
+        if wanted not in nums:
+            raise ConfigError(f"--frame {wanted}: expected one that the runs have: {min(nums)} to {max(nums)}")
         return wanted
-    if not there:
-        raise ConfigError("the runs have no frame in common")
-    drawn = [index for index in there if all(index in media for media in kept)] or there
-    return max(drawn, key=lambda index: _num_truth(first, index))
+    least = min(len(runs) // 2 + 1, max(nums.values()))
+    there = sorted(index for index, num in nums.items() if num >= least)
+    drawn = [index for index in there if all(index in media or not _with_frame(own, index) for media, own in pictures)]
+    longest = sorted(runs, key=lambda run: -len(run.frames))
+    return max(drawn or there, key=lambda index: _num_truth(_with_frame(longest, index)[0], index))
+
+
+def _with_frame(runs: Sequence[Run], index: int) -> list[Run]:
+    return [run for run in runs if any(frame.index == index for frame in run.frames)]
 
 
 def _num_truth(run: Run, index: int) -> int:
@@ -191,9 +262,15 @@ class _Logs:
         for place in self._places:
             if not place.exists():
                 raise ConfigError(f"--log {place}: no such log, nor folder of logs")
-            is_log = place.is_file() or (place / "log.json").is_file()
-            found += [place] if is_log else sorted(p for p in place.iterdir() if p.suffix in _LOGS)
+            if place.is_file() or _is_log_folder(place):
+                found.append(place)
+            else:
+                found += sorted(p for p in place.iterdir() if p.suffix in _LOGS or _is_log_folder(p))
         yield from sorted(found, key=lambda path: path.stem != name)
+
+
+def _is_log_folder(path: Path) -> bool:
+    return any((path / name).is_file() for name in ("log.json", "metadata.yaml"))  # Parquet; rosbag2
 
 
 def _from_log(path: Path, run: Run, index: int) -> MediaFrame:

@@ -77,6 +77,10 @@ def report(
     for is_wrong, text in wrong:
         if is_wrong:
             raise ConfigError(text)
+    if sheet is not None:
+        from fbench.api import sheets
+
+        planned = sheets.plan_sheet(sheets.SheetRequest(runs, sheet, frame, log))  # refuses before anything is written
     if not is_suite:
         say(f"report: {write_report(runs, out, kind, budget_mb, base)}")
     if overlay is not None:
@@ -88,8 +92,6 @@ def report(
     if figures is not None:
         say(f"figures: {figures} ({len(reports.figures(runs, figures))} files)")
     if sheet is not None:
-        from fbench.api import sheets
-
-        say(*sheets.describe(sheets.sheet(sheets.SheetRequest(runs, sheet, frame, log)), sheet))
+        say(*sheets.describe(sheets.draw(planned), sheet))
     whole = is_suite or all(open_run(folder).complete for folder in runs)
     raise typer.Exit(EXIT_OK if whole else EXIT_LOSSY)

@@ -80,13 +80,22 @@ def of_sources(mask: int) -> Color:
     return r, g, b
 
 
-def draw_sheet(sheet: Sheet, out: Path) -> None:
-    """Write a sheet as `FILE.png` or `FILE.svg`. Raises ConfigError where the name ends otherwise or can't be written;
-    MissingPackageError without matplotlib.
+def require_drawable(out: Path) -> str:
+    """Return the form of a sheet. Raises ConfigError where there is no such form; MissingPackageError without
+    matplotlib.
     """
     form = out.suffix.removeprefix(".").lower()
     if form not in FORMS:
         raise ConfigError(f"--sheet {out}: expected a name that ends in .png or .svg")
+    with style("--sheet"):
+        return form
+
+
+def draw_sheet(sheet: Sheet, out: Path) -> None:
+    """Write a sheet as `FILE.png` or `FILE.svg`. Raises ConfigError where the name ends otherwise or can't be written;
+    MissingPackageError without matplotlib.
+    """
+    form = require_drawable(out)
     with style("--sheet") as new_figure:
         figure = new_figure()
         _draw(sheet, figure)
@@ -104,12 +113,15 @@ def _draw(sheet: Sheet, figure: "Figure") -> None:
         axes.set(xticks=[], yticks=[], facecolor=_DARK)
         axes.grid(visible=False)
         if number <= num_columns:
-            axes.set_title(shorten(column), fontsize=8)
+            text, size = _fit(column, _CELL_IN[0])
+            axes.set_title(text, fontsize=size)
         if (number - 1) % num_columns == 0:
-            axes.set_ylabel(shorten(row), fontsize=8)
+            text, size = _fit(row, _CELL_IN[1])
+            axes.set_ylabel(text, fontsize=size)
         cell = sheet.cells.get((row, column))
-        if cell is None:
-            axes.text(0.5, 0.5, "no run", color=_TRUTH, ha="center", va="center", transform=axes.transAxes)
+        if cell is None or all(frame.index != sheet.index for frame in cell.run.frames):
+            reason = "no run" if cell is None else f"no frame {sheet.index}"
+            axes.text(0.5, 0.5, reason, color=_TRUTH, ha="center", va="center", transform=axes.transAxes)
             continue
         boxes = cell.run.detections.at(sheet.index)
         shown = (_draw_image if isinstance(boxes, Boxes2D) else _draw_from_above)(axes, cell, boxes, sheet.index)
@@ -119,11 +131,19 @@ def _draw(sheet: Sheet, figure: "Figure") -> None:
     figure.suptitle(shorten(sheet.title, 90), fontsize=9)
     lines = [Line2D([], [], color=of_sources(mask), label=_name(mask)) for mask in sorted(masks)]
     lines.append(Line2D([], [], color=_TRUTH, lw=0.8, ls=(0, (3, 1)), label="truth"))
-    legend = figure.legend(handles=lines, loc="outside lower center", ncols=len(lines))
+    num_entries = min(len(lines), int(figure.get_figwidth()))  # beside each other; one needs about an inch
+    legend = figure.legend(handles=lines, loc="outside lower center", ncols=num_entries)
     legend.get_frame().set(facecolor=_DARK, alpha=1.0)
     legend.set_frame_on(True)
     for label in legend.get_texts():
         label.set_color("white")
+
+
+def _fit(text: str, room_in: float) -> tuple[str, float]:
+    """Shorten a label of a cell, and return how large it may be [pt]: its characters are about 0.65 as wide."""
+    room = 0.9 * 72 * room_in / 0.65
+    label = shorten(text, int(room / 5))
+    return label, min(8.0, room / len(label))
 
 
 def _name(mask: int) -> str:

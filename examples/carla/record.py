@@ -17,7 +17,7 @@ from typing import Any
 import conversions
 import numpy as np
 import truth
-from simulation import VERSION, Request, Simulation, answers
+from simulation import VERSION, Request, Simulation, translate_errors
 
 from fbench.cli.progress import import_progress
 from fbench.datasets.city.request import read_rig
@@ -25,6 +25,7 @@ from fbench.datasets.city.rig import POSE, CameraSpec, LidarSpec, RadarSpec, the
 from fbench.datasets.city.spec import condition
 from fbench.datasets.importing.run import write_recording
 from fbench.replay.contracts.errors import ConfigError, FbenchError, MissingPackageError
+from fbench.replay.contracts.params import require_between
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.files import make_parent
 from fbench.replay.data.images import encode_jpeg
@@ -36,6 +37,11 @@ from fbench.replay.logs.convert.target import Target
 
 START_NS = 1_700_000_000_000_000_000  # Stamp of a log's beginning, as in the simulated city
 STEP_M = 2.0  # Between waypoints
+_RANGES = (
+    ("seconds", 0.1, 86_400), ("timeout_s", 0.001, 86_400), ("warm_up_s", 0, 3600), ("vehicles", 0, 10_000),
+    ("pedestrians", 0, 10_000), ("port", 1, 65_535), ("tm_port", 1, 65_535),
+)  # fmt: skip
+"""Of options."""
 _NUM = {False: (50, 40), True: (100, 80)}  # Vehicles and pedestrians, in normal and in dense traffic
 
 
@@ -51,7 +57,7 @@ class CarlaRecording:
         self.rig: Rig = request.rig.rig()
         self.num_items = round(request.seconds * (sum(s.rate_hz for s in request.rig.specs.values()) + request.rate_hz))
         axle = simulation.rear_axle_m
-        with answers(request):
+        with translate_errors(request):
             outlines = conversions.regions(simulation.map.generate_waypoints(STEP_M), STEP_M)
         self.info = LogInfo(name, f"carla-{uuid.uuid4().hex[:16]}", {
             "dataset": f"CARLA {VERSION} (simulated)", "scenario": request.town, "condition": request.condition.name,
@@ -69,7 +75,7 @@ class CarlaRecording:
             if self.stop.is_set():
                 return
             stamp_ns = START_NS + round(number * 1e9 / request.rate_hz)
-            with answers(request):
+            with translate_errors(request):
                 snapshot, data = simulation.tick()
                 world_T_body = simulation.pose(snapshot)
                 messages = [
@@ -183,8 +189,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rig = thesis_rig() if options.rig is None else read_rig(options.rig)
         if not rig.names:
             raise ConfigError("the rig has no sensor")
-        if not (0.1 <= options.seconds <= 86_400 and options.timeout_s > 0 and options.warm_up_s >= 0):
-            raise ConfigError("--seconds must be 0.1 to 86400, --timeout-s positive, and --warm-up-s not negative")
+        for name, low, high in _RANGES:
+            if (value := getattr(options, name)) is not None:
+                require_between(f"--{name.replace('_', '-')}", value, low, high)
         request = Request(
             options.town, under, options.seconds, options.seed, rig,
             vehicles if options.vehicles is None else options.vehicles,

@@ -60,11 +60,11 @@ class Request:
 
 
 @contextmanager
-def answers(request: Request) -> Iterator[None]:
+def translate_errors(request: Request) -> Iterator[None]:
     """Turn what CARLA raises into an error of fbench, in a line."""
     try:
         yield
-    except RuntimeError as error:
+    except (RuntimeError, IndexError) as error:  # the latter of a blueprint that the server lacks
         reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise LogError(f"CARLA at {request.host}:{request.port}: {reason}") from error
 
@@ -84,7 +84,7 @@ class Simulation:
     def __enter__(self) -> Self:
         try:
             self._connect()
-            with answers(self._request):
+            with translate_errors(self._request):
                 self._prepare()
         except BaseException:
             self.close()
@@ -107,7 +107,7 @@ class Simulation:
             if version != VERSION:
                 raise ConfigError(f"the {who} is CARLA {version}, expected {VERSION}")
         client.set_timeout(request.timeout_s)
-        with answers(request):
+        with translate_errors(request):
             towns = {path.rsplit("/", 1)[-1] for path in client.get_available_maps()}
         if request.town not in towns:
             raise ConfigError(f"the server has no map '{request.town}'{did_you_mean(request.town, towns)}")
@@ -154,9 +154,12 @@ class Simulation:
         places = self.map.get_spawn_points()
         order = random.permutation(len(places))
         kinds = sorted(self._library.filter("vehicle.*"), key=lambda one: one.id)
+        known = {kind.id: kind for kind in kinds}
+        if request.ego not in known:
+            raise ConfigError(f"--ego {request.ego}: no vehicle of the server{did_you_mean(request.ego, known)}")
         is_dark = request.condition.weather.sun_elevation_deg < 0
         for number, place in enumerate(order[: request.vehicles + 1]):
-            kind = kinds[random.integers(len(kinds))] if number else self._library.find(request.ego)
+            kind = kinds[random.integers(len(kinds))] if number else known[request.ego]
             kind.set_attribute("role_name", "autopilot" if number else "hero")
             if number and kind.has_attribute("color"):
                 colors = kind.get_attribute("color").recommended_values

@@ -13,6 +13,7 @@ from typing import get_args
 import numpy as np
 import pyarrow as pa
 
+from fbench.replay.contracts.errors import RunError
 from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.frames import ClockName
 from fbench.replay.runs.columns import column_array, number_column, text_column
@@ -24,6 +25,8 @@ WAIT, OUTPUT = "wait", "output"
 """Outside of the whole frame: log time from a frame's first message until it was there, and recording its results."""
 _CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
 _UNKNOWN = -1
+_NEEDED = {"frame": pa.int64(), "stage": pa.string(), "ns": pa.int64(), "clock": pa.string()}
+"""Columns that all tables have; those of before lack others."""
 
 
 class TimingsWriter:
@@ -67,13 +70,17 @@ class TimingsWriter:
 
 @dataclass(frozen=True)
 class Timings:
-    """Times of a finished run, read from its table when first used."""
+    """Times of a finished run, read from its table when first used: RunError where it can't be read."""
 
     path: Path
 
     @cached_property
     def _table(self) -> pa.Table:
-        return read_table(self.path)
+        table = read_table(self.path)
+        kinds = dict(zip(table.column_names, table.schema.types, strict=True))
+        if len(kinds) < table.num_columns or any(kind != kinds.get(name) for name, kind in _NEEDED.items()):
+            raise RunError(f"{self.path}: can't be read (not a table of times)")
+        return table
 
     @cached_property
     def _outside(self) -> Bool:

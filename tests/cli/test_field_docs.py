@@ -28,6 +28,14 @@ def test_texts_under_and_beside_fields_are_found_by_dotted_name():
     assert parameter_docs(None) == {}
 
 
+def test_what_is_true_in_space_alone_isnt_said_of_images():
+    from fbench.pipelines.fusion.early.image import EarlyImageParams
+
+    docs = parameter_docs(EarlyImageParams())
+    assert docs["echo_shapes"].startswith("Whether shapes of radar echoes count beside a LiDAR")
+    assert "space" not in docs["echo_shapes"]
+
+
 @pytest.mark.slow
 def test_every_parameter_of_the_builtin_pipelines_is_documented():
     from fbench.replay.contracts.plugins import default_params, entry_points_of, load

@@ -163,7 +163,16 @@ def test_a_sheet_without_pictures_says_so(fbench, suite, place):
     assert (
         len(fbench("report", *runs, "-o", "r.html", "--sheet", "full2.png", "--log", log.parent).out.splitlines()) == 2
     )
-    assert Path("full.png").read_bytes() == Path("full2.png").read_bytes() != Path("sheet.png").read_bytes()
+    assert fbench("log", "convert", log, "-o", "converted/car.parquet").code == 0
+    Path("converted/car.parquet").rename("converted/car")  # a log by what is in it
+    words = ("--sheet", "full3.png", "--log", "converted")
+    assert len(fbench("report", *runs, "-o", "r.html", *words).out.splitlines()) == 2
+    assert (
+        Path("full3.png").read_bytes()
+        == Path("full.png").read_bytes()
+        == Path("full2.png").read_bytes()
+        != Path("sheet.png").read_bytes()
+    )
     kept = fbench("report", place / "run", "-o", "r.html", "--sheet", "kept.svg")  # media are in the run
     assert kept.out.splitlines()[1:] == ["sheet: kept.svg (1 pipeline x 1 condition, car, frame 0)"]
 
@@ -173,7 +182,7 @@ def test_sheets_that_cannot_be_drawn(fbench, suite, place):
         writer.write(next(messages(1)))
     for words, why in [
         (("--sheet", "s.pdf"), "--sheet s.pdf: expected a name that ends in .png or .svg"),
-        (("--sheet", "s.png", "--frame", "6"), "--frame 6: expected one that all runs have: 0 to 5"),
+        (("--sheet", "s.png", "--frame", "6"), "--frame 6: expected one that the runs have: 0 to 5"),
         (("--frame", "1"), "--frame goes with --sheet FILE"),
         (("--sheet", "s.png", "--log", "none.mcap"), "--log none.mcap: no such log, nor folder of logs"),
         (("--sheet", "s.png", "--log", "."), ".: has no log of"),
@@ -182,6 +191,12 @@ def test_sheets_that_cannot_be_drawn(fbench, suite, place):
         result = fbench("report", suite, *words)
         assert (result.code, result.err.count("\n")) == (2, 1), result.err
         assert why in result.err
+        runs = (suite / "runs/car/late3d/clear", "-o", "r.html", "--figures", "f")
+        result = fbench("report", *runs, *words)
+        if "can't be written" not in why:  # which is seen only then
+            assert (result.code, result.err.count("\n"), result.out) == (2, 1, "")
+            assert not Path("r.html").exists()
+            assert not Path("f").exists()
     assert not list(Path().glob("s.*"))
     assert "not a run folder" in fbench("report", suite, place / "run", "--sheet", "s.png").err
 

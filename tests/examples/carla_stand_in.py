@@ -96,6 +96,7 @@ class Server:
     dies_at: int | None = None  # Tick
     silent_at: int | None = None
     interrupted_at: int | None = None
+    lacks: str = ""  # Blueprint
     settings: WorldSettings = field(default_factory=WorldSettings)
     actors: dict[int, "Actor"] = field(default_factory=dict)
     traffic_is_synchronous: bool = False
@@ -132,7 +133,10 @@ class BlueprintLibrary(list[ActorBlueprint]):
         return BlueprintLibrary(one for one in self if fnmatch.fnmatch(one.id, wildcard_pattern))
 
     def find(self, id):  # noqa: A002  # the package's name
-        return next(one for one in self if one.id == id)
+        for one in self:
+            if one.id == id:
+                return one
+        raise IndexError(f"blueprint '{id}' not found")
 
 
 def _library():
@@ -309,7 +313,7 @@ class World:
         return Map()
 
     def get_blueprint_library(self):
-        return _library()
+        return BlueprintLibrary(one for one in _library() if one.id != self._server.lacks)
 
     def get_random_location_from_navigation(self):
         return Location(20.0, 7.0, 0.2)

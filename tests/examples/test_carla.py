@@ -277,7 +277,18 @@ def test_the_server_is_left_alone(drive):
     (Server(dies_at=110), (), 3, "CARLA at 127.0.0.1:2000: time-out of 5000ms while waiting for the simulator"),
     (Server(silent_at=110), ("--timeout-s", "0.05"), 3, "the server gave nothing of sensor 'camera' in step 110"),
     (Server(), ("--condition", "hail"), 2, "--condition hail: no condition 'hail'"),
-    (Server(), ("--seconds", "0"), 2, "--seconds must be 0.1 to 86400"),
+    (Server(), ("--seconds", "0"), 2, "--seconds: expected between 0.1 and 86400, got 0"),
+    (Server(), ("--seconds", "nan"), 2, "--seconds: expected between 0.1 and 86400, got nan"),
+    (Server(), ("--timeout-s", "inf"), 2, "--timeout-s: expected between 0.001 and 86400, got inf"),
+    (Server(), ("--warm-up-s", "inf"), 2, "--warm-up-s: expected between 0 and 3600, got inf"),
+    (Server(), ("--vehicles", "-1"), 2, "--vehicles: expected between 0 and 10000, got -1"),
+    (Server(), ("--vehicles", "-3"), 2, "--vehicles: expected between 0 and 10000, got -3"),
+    (Server(), ("--pedestrians", "-1"), 2, "--pedestrians: expected between 0 and 10000, got -1"),
+    (Server(), ("--port", "99999"), 2, "--port: expected between 1 and 65535, got 99999"),
+    (Server(), ("--ego", "vehicle.tesla.model4"), 2,
+     "--ego vehicle.tesla.model4: no vehicle of the server; did you mean 'vehicle.tesla.model3'?"),
+    (Server(), ("--ego", "sensor.camera.rgb"), 2, "--ego sensor.camera.rgb: no vehicle of the server"),
+    (Server(lacks="sensor.other.radar"), (), 3, "CARLA at 127.0.0.1:2000: blueprint 'sensor.other.radar' not found"),
 ])  # fmt: skip
 def test_errors_are_one_line(modules, tmp_path, capsys, server, arguments, code, text):
     if arguments[:1] == ("Town3",):

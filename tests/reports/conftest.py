@@ -106,6 +106,9 @@ class Plan:
     metadata: Mapping[str, str] = field(default_factory=lambda: {"place": "here"})
     conditions: Sequence[ConditionEntry] = ()
     log_digest: str = "aabbccddeeff00112233"
+    excerpt: str = "all"
+    first_truth: int = 0
+    """Frames before it are labeled as empty."""
 
 
 def media(index: int) -> MediaFrame:
@@ -161,7 +164,9 @@ def _add_frame(writer: RunWriter, plan: Plan, index: int) -> None:
     writer.add_boxes("detections", index, boxes[:0] if failed else boxes)
     writer.add_boxes("tracks", index, boxes[:0] if failed else boxes)
     if plan.truth:
-        writer.label_frame(index, Truth(stamp_ns, stamp_ns, boxes3d=boxes3d(plan.label)))
+        writer.label_frame(
+            index, Truth(stamp_ns, stamp_ns, boxes3d=boxes3d(plan.label)[: int(index >= plan.first_truth)])
+        )
 
 
 def _manifest(plan: Plan) -> Manifest:
@@ -178,6 +183,7 @@ def _manifest(plan: Plan) -> Manifest:
             tolerance_ns=50_000_000,
             max_gap_ns=2_000_000_000,
             max_jump_ns=1_000_000_000,
+            excerpt=plan.excerpt,
         ),
         mounts=entry.mounts,
         cameras=entry.cameras,

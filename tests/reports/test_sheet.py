@@ -1,14 +1,21 @@
 """Contact sheets: what is drawn in which cell, in which color."""
 
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from tests.reports.conftest import Plan, boxes2d
 
+from fbench.api.reports import figures, is_suite, render, tables
+from fbench.api.runs import report
 from fbench.api.sheets import SheetRequest, sheet
-from fbench.replay.contracts.errors import MissingPackageError
+from fbench.replay.contracts.errors import ConfigError, MissingPackageError
 from fbench.replay.data.boxes import Source
+from fbench.replay.runs.manifest import ConditionEntry
 from fbench.reports import sheet as drawing
 
 
@@ -46,6 +53,76 @@ def test_cells_are_pipelines_by_conditions(make_run, tmp_path, drawn):
         ["1 found, 1 true"], ["1 found, 1 true"], ["1 found, 1 true"], ["no run"],
     ]  # fmt: skip
     assert [text.get_text() for text in drawn[0].legends[0].get_texts()] == ["C", "L+R", "truth"]
+
+
+def texts(figure):
+    """Titles of the columns, names of the rows, and what stands in cells without a frame."""
+    said = [text.get_text() for one in figure.axes for text in one.texts]
+    return ([one.get_title() for one in figure.axes if one.get_title()],
+            [one.get_ylabel() for one in figure.axes if one.get_ylabel()],
+            [text for text in said if text.startswith("no ")])  # fmt: skip
+
+
+LOST = [ConditionEntry(name="loss", version=1, strength="100%", level={}, sensors="camera")]
+
+
+@pytest.fixture
+def suite(make_run, tmp_path):
+    """Two pipelines of one base under two conditions, and the beginning of a drive, once more and disturbed."""
+    cells = []
+    for log, name, more in [
+        ("u-clear", "clear", {}), ("u-fog", "fog", {}), ("u-clear-2s", "clear", {"excerpt": "to 2s", "num_frames": 2}),
+        ("u-clear-lost-2s", "clear", {"excerpt": "to 2s", "num_frames": 2, "conditions": LOST}),
+    ]:  # fmt: skip
+        for row in ("early3d", "early3d-stereo"):
+            make_run(Plan(f"suite/{log}/{row}", "street", "early3d", metadata=condition(name), first_truth=2, **more))
+            cells.append({"log": log, "pipeline": f"my-{row}", "condition": "clear", "rate": "max", "seed": 0,
+                          "state": "replayed", "reason": "", "run": f"{log}/{row}"})  # fmt: skip
+    (tmp_path / "suite/results.json").write_text("{}")
+    return tmp_path / "suite", pa.Table.from_pylist(cells)
+
+
+def test_a_suite_has_a_row_for_each_of_its_pipelines_and_no_parts_of_logs(suite, tmp_path, drawn):
+    folder, cells = suite
+    for names in (["early3d", "early3d-stereo"], ["my-early3d", "my-early3d-stereo"]):
+        summary = sheet(SheetRequest([folder], tmp_path / "s.svg"))
+        assert texts(drawn.pop()) == (["clear", "fog"], names, [])
+        assert summary.frame == 2  # has truth, though parts of the log end before
+        assert summary.notes == ("4 runs of a part of their log; name their folders to see them",)
+        pq.write_table(cells, folder / "cells.parquet")
+
+
+def test_runs_of_one_pipeline_are_named_by_what_differs_in_their_paths(suite, tmp_path, drawn):
+    folders = [suite[0] / log / row for log in ("u-clear", "u-clear-lost-2s", "u-fog")
+               for row in ("early3d", "early3d-stereo")]  # fmt: skip
+    sheet(SheetRequest([*folders, folders[0]], tmp_path / "s.svg"))
+    rows, lost = ["early3d", "early3d-stereo"], "loss.camera:100%"
+    assert texts(drawn.pop()) == (["clear", "fog", lost], rows, ["no frame 2"] * 2)
+    sheet(SheetRequest([suite[0] / log / "early3d" for log in ("u-clear", "u-clear-2s")], tmp_path / "s.svg", frame=1))
+    assert texts(drawn.pop()) == (["clear"], ["early3d u-clear", "early3d u-clear-2s"], [])
+    with pytest.raises(ConfigError, match=r"--frame 4: expected one that the runs have: 0 to 3$"):
+        sheet(SheetRequest([suite[0]], tmp_path / "s.svg", frame=4))
+
+
+def test_labels_fit_beside_their_cells(make_run, tmp_path, drawn):
+    plans = [Plan(f"{i}", pipeline=f"thesis-late2d-filter-with-more-{i}", metadata=condition(f"loss.camera:100%@{j}s"))
+             for i in range(3) for j in range(2)]  # fmt: skip
+    runs = [make_run(replace(plan, name=str(i))).folder for i, plan in enumerate(plans)]
+    sheet(SheetRequest(runs, tmp_path / "s.png"))
+    figure = drawn[0]
+    figure.draw_without_rendering()  # at its own resolution
+    boxes = [one.yaxis.label.get_window_extent() for one in figure.axes[::2]]
+    assert all(above.y0 > below.y1 for above, below in pairwise(boxes))
+    left, right = (one.title.get_window_extent() for one in figure.axes[:2])
+    assert left.x1 < right.x0
+
+
+def test_no_runs_are_a_line(tmp_path):
+    assert not is_suite([])
+    for write in (lambda: sheet(SheetRequest([], tmp_path / "s.png")), lambda: tables([], tmp_path / "t"),
+                  lambda: figures([], tmp_path / "f"), lambda: render([]), lambda: report([])):  # fmt: skip
+        with pytest.raises(ConfigError, match=r"^expected at least one run folder, got none$"):
+            write()
 
 
 def test_boxes_are_where_they_were_found(make_run, tmp_path, drawn):

@@ -35,9 +35,8 @@ class EarlyImageParams(EarlyParams, prefix="fusion"):
     """How one cloud becomes objects in images."""
 
     camera_share: float = in_range(0.25, 0, 1)  # Boxes down to this share of a camera's `min_score` [0 to 1] count.
-    echo_shapes: bool = (
-        True  # Whether shapes of radar echoes count beside a LiDAR that delivers, as they do without one.
-    )
+    echo_shapes: bool = True
+    """Whether shapes of radar echoes count beside a LiDAR that delivers, as they do without one."""
     outline: Literal["points", "boxes"] | None = None
     """By what objects are outlined that no camera shows: their points, or their boxes in space; none: points in
     simulated logs, boxes in others, as few beams outline less than a vehicle."""

@@ -7,8 +7,10 @@ never decides: of more points than a pillar holds, the first along x, then y, th
 the first along y, then x.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from fbench.pipelines.sensors.bev.grid import BevPoints
 from fbench.pipelines.sensors.camera.model import ORT_ERRORS, first_line, load
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.rows import suppress
-from fbench.replay.contracts.errors import ConfigError, ModelError
+from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
 from fbench.replay.data.arrays import Array, Float32, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.classes import label
@@ -37,6 +39,10 @@ _LEAST_TURN = (
 _APART_M, _MAX_IOU = 0.5, 0.1  # Of boxes that are nearer, or overlap more, the surest stays
 _MAX_CANDIDATES, _MAX_BOXES = 2000, 300  # Of one frame; the surest count
 _LARGEST = 3.2  # Of the logarithm of a size: 25 m
+_KEYS = ("class_names", "point_cloud_range", "voxel_size", "downsample_factor", "has_twist")
+_OTHER_KEYS = ("point_feature_size", "encoder_in_feature_size", "max_voxel_size", "has_variance")
+"""Parameters of Autoware's files that the networks tell themselves, though their names are like those that count."""
+_BOOLEANS = {"true": True, "yes": True, "on": True, "y": True, "false": False, "no": False, "off": False, "n": False}
 
 
 @dataclass(frozen=True)
@@ -59,31 +65,51 @@ class PillarLayout:
 
 
 def read_layout(path: Path) -> PillarLayout:
-    """Read the parameters of a model as Autoware keeps them. Raises ConfigError where the file can't be read, or has
-    impossible values.
+    """Read the parameters of a model as Autoware keeps them. Raises ConfigError where the file can't be read, has none,
+    or impossible values.
     """
-    try:
-        content = read_yaml(path)
-    except YamlFileError as error:
-        raise ConfigError(f"{path}: {error}") from error
-    for name in (None, "ros__parameters", "model_params"):  # under `/**`, the name of any node
-        if isinstance(content, dict) and (name in content or (name is None and len(content) == 1)):
-            content = content[name] if name is not None else next(iter(content.values()))
-    known, params = PillarLayout(), content if isinstance(content, dict) else {}
+    known, params = PillarLayout(), _find_params(path)
     span = _numbers(path, params, "point_cloud_range", [*known.low_m, *known.high_m])
     cell = _numbers(path, params, "voxel_size", known.cell_m)
     (stride,) = _numbers(path, params, "downsample_factor", [known.stride])
     names = params.get("class_names", [*known.classes])
+    if (
+        not isinstance(names, list)
+        or not names
+        or not all(isinstance(n, str) and re.search(r"[^\W\d]", n) for n in names)
+    ):
+        raise ConfigError(f"{path}: class_names: expected a list of names, got {str(names)[:80]}")
+    twist = str(params.get("has_twist", "false"))
+    if twist.lower() not in _BOOLEANS:
+        raise ConfigError(f"{path}: has_twist: expected true or false, got {twist[:80]}")
     layout = PillarLayout(
-        tuple(str(name) for name in names) if isinstance(names, list) else (), tuple(span[:3]), tuple(span[3:]),
-        tuple(cell), int(stride), str(params.get("has_twist", "false")).lower() == "true",
-    )  # fmt: skip
+        tuple(names), tuple(span[:3]), tuple(span[3:]), tuple(cell), int(stride), _BOOLEANS[twist.lower()]
+    )
     spans = [(high - low) / size for low, high, size in zip(layout.low_m, layout.high_m, cell, strict=True)]
     if not all(8 <= side <= 4096 for side in spans[:2]) or spans[2] <= 0 or stride not in (1, 2, 4, 8):
         raise ConfigError(f"{path}: no network has this point_cloud_range, voxel_size, and downsample_factor")
-    if not layout.classes:
-        raise ConfigError(f"{path}: class_names: expected a list of names")
     return layout
+
+
+def _find_params(path: Path) -> Mapping[str, object]:
+    """Return the parameters inside of a file: under `/**`, or the name of any one node, or at its top."""
+    try:
+        content = read_yaml(path)
+    except YamlFileError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    if isinstance(content, dict) and len(content) == 1 and isinstance(inner := next(iter(content.values())), dict):
+        content = inner
+    for name in ("ros__parameters", "model_params"):
+        if isinstance(content, dict) and name in content:
+            content = content[name]
+    params = content if isinstance(content, dict) else {}
+    missing = [name for name in _KEYS if name not in params]
+    for key in params:
+        if key not in (*_KEYS, *_OTHER_KEYS) and get_close_matches(key.lower(), missing, cutoff=0.75):
+            raise ConfigError(f"{path}: '{key[:80]}' isn't known{did_you_mean(key, missing)}")
+    if len(missing) == len(_KEYS):
+        raise ConfigError(f"{path}: expected the parameters of one model, such as {', '.join(_KEYS[:3])}; it has none")
+    return params
 
 
 def _numbers(path: Path, params: Mapping[str, object], name: str, default: Sequence[float]) -> list[float]:
@@ -136,6 +162,8 @@ class PillarDetector:
         ModelError where a network fails.
         """
         features, cell = group_points(points.lidar, self._layout, self._num_points, self._num_features)
+        if isinstance(self._fixed, int):  # of more pillars, the first count
+            features, cell = features[: self._fixed], cell[: self._fixed]
         rows, columns = self._layout.shape
         try:
             found = self._run(self._encoder, self._fill(features))[0].reshape(-1, self._head.get_inputs()[0].shape[1])
@@ -157,7 +185,7 @@ class PillarDetector:
         if not isinstance(self._fixed, int):
             return features
         filled = np.zeros((self._fixed, *features.shape[1:]), np.float32)
-        filled[: len(features)] = features[: self._fixed]
+        filled[: len(features)] = features
         return filled
 
     def _run(self, session: Any, values: Float32, names: Sequence[str] | None = None) -> list[Array]:

@@ -4,8 +4,11 @@ import sys
 import time
 from types import ModuleType
 
+import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
+from fbench.replay.contracts.errors import RunError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.runs.timings import Timings, TimingsWriter
 
@@ -36,6 +39,19 @@ def test_tables_of_before_there_were_cpu_times(tmp_path):
     found = Timings(path)
     assert found.stages == {"track": {0: 5, 3: 6}, "total": {0: 9, 3: 8}}
     assert found.cpu == found.outside == {}
+
+
+@pytest.mark.parametrize("name", ["frame", "stage", "ns", "clock"])
+def test_tables_of_anything_else_are_refused_in_a_line(tmp_path, name):
+    path = tmp_path / "timings.parquet"
+    write(path)
+    rows = pq.read_table(path)
+    for wrong in (rows.drop_columns([name]), rows.append_column(name, rows[name]),
+                  rows.set_column(0, name, pa.nulls(rows.num_rows, pa.float64()))):  # fmt: skip
+        pq.write_table(wrong, path)
+        for own in ("stages", "cpu", "outside", "clock", "compiled_frames"):
+            with pytest.raises(RunError, match=r"timings\.parquet: can't be read \(not a table of times\)$"):
+                getattr(Timings(path), own)
 
 
 def test_cpu_time_of_a_stage_leaves_out_what_waits():

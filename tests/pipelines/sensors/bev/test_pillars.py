@@ -1,6 +1,7 @@
 """Networks in two files, as Autoware has them: random weights, and another decoder that goes point by point."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -206,6 +207,15 @@ def test_what_doesnt_fit_is_one_line(tmp_path):
         ("4.0]", ".nan]", "point_cloud_range: expected 6 numbers"),
         ("downsample_factor: 1", "downsample_factor: 3", "no network has this"),
         ('["CAR", "TRUCK", "BUS", "BICYCLE", "PEDESTRIAN"]', "[]", "class_names: expected a list"),
+        ('"TRUCK"', "[TRUCK]", "class_names: expected a list of names"),
+        ('"TRUCK"', "2", "class_names: expected a list of names"),
+        ("has_twist: true", "has_twist: maybe", "has_twist: expected true or false, got maybe"),
+        ("voxel_size", "voxel_sise", "'voxel_sise' isn't known; did you mean 'voxel_size'?"),
+        (YAML, "", "expected the parameters of one model"),
+        (YAML, "[1, 2]", "expected the parameters of one model"),
+        (YAML, "hello", "expected the parameters of one model"),
+        (YAML, "rate: 1\nname: b", "expected the parameters of one model"),
+        (YAML, YAML + "/other: {}", "expected the parameters of one model"),
         ("/**:", "/**: [", "line"),
     ],
 )
@@ -213,7 +223,31 @@ def test_damaged_parameters_are_one_line(tmp_path, old, new, said):
     path = tmp_path / "some.param.yaml"
     assert old in YAML
     path.write_text(YAML.replace(old, new))
-    with pytest.raises(ConfigError, match=said) as error:
+    with pytest.raises(ConfigError, match=re.escape(said)) as error:
         read_layout(path)
     assert "\n" not in str(error.value)
     assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize("text", [
+    "voxel_size: [0.5, 0.5, 10.0]",  # without node and model
+    "/a_node:\n  ros__parameters: {voxel_size: [0.5, 0.5, 10.0], has_variance: true}",
+    "ros__parameters:\n  model_params: {voxel_size: [0.5, 0.5, 10.0], max_voxel_size: 9, point_feature_size: 4, x: 1}",
+])  # fmt: skip
+def test_parameters_count_wherever_they_stand_and_others_are_left_out(tmp_path, text):
+    path = tmp_path / "some.param.yaml"
+    path.write_text(text)
+    assert read_layout(path) == PillarLayout(cell_m=(0.5, 0.5, 10.0))
+
+
+def test_encoders_of_few_pillars_take_the_first(tmp_path):
+    """Of two rows of cells along y an encoder of 10 pillars sees 10 cells, and the rest doesn't count."""
+    make_files(tmp_path, num=10)
+    side = np.arange(-7.75, 8, CELL_M)
+    points = np.array([(x, y, 0.0) for y in (-3.75, 3.75) for x in side], np.float32)
+    cut, whole = (
+        open_detector(params(tmp_path)).detect(BevPoints(cloud, NO_RADAR), FLAT, 0.5) for cloud in (points[:10], points)
+    )
+    assert len(cut)
+    for name, values in cut.arrays().items():
+        np.testing.assert_array_equal(values, getattr(whole, name))
