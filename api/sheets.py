@@ -143,7 +143,7 @@ def _open_runs(folders: Sequence[Path | str]) -> tuple[list[tuple[str, Run]], li
     named = [named[i] for i in sorted(range(len(named)), key=order.__getitem__)]
     whole = [(row, run) for row, run in named if run.manifest.frames.excerpt == str(Excerpt())] or named
     num = len(named) - len(whole)
-    return whole, [f"{format_count(num, 'run')} of a part of their log; name their folders to see them"] if num else []
+    return whole, [f"{format_count(num, 'run')} of a part of a log; name run folders to see parts"] if num else []
 
 
 def _choose_scene(named: Sequence[tuple[str, Run]]) -> tuple[str, dict[tuple[str, str], Run]]:

@@ -88,7 +88,7 @@ def test_a_suite_has_a_row_for_each_of_its_pipelines_and_no_parts_of_logs(suite,
         summary = sheet(SheetRequest([folder], tmp_path / "s.svg"))
         assert texts(drawn.pop()) == (["clear", "fog"], names, [])
         assert summary.frame == 2  # has truth, though parts of the log end before
-        assert summary.notes == ("4 runs of a part of their log; name their folders to see them",)
+        assert summary.notes == ("4 runs of a part of a log; name run folders to see parts",)
         pq.write_table(cells, folder / "cells.parquet")
 
 
