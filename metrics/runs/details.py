@@ -6,8 +6,9 @@ import numpy as np
 
 from fbench.metrics.core.slices import VEHICLE, ground_range
 from fbench.metrics.detection.outcomes import Judgement, Outcome, compare_class, judge_detections
-from fbench.metrics.detection.scores import DetectionCounts, Ranking, detection_counts
-from fbench.metrics.runs.spaces import measure_classes, views
+from fbench.metrics.detection.scores import Ranking
+from fbench.metrics.runs.detection import detection_entries
+from fbench.metrics.runs.spaces import views
 from fbench.metrics.tracking.clear_events import SWITCH
 from fbench.metrics.tracking.scores import follow_tracks
 from fbench.replay.data.arrays import Int64
@@ -28,11 +29,11 @@ def find_details(run: Run, options: ScoreOptions) -> Details:
     native = spaces[0]
     if native.key.reason:
         return Details()
-    entries = measure_classes(spaces, run.detections, detection_counts, DetectionCounts())
     curves = tuple(
         _thin(entry.key.class_, entry.key.matching, entry.counts.ranking)
-        for entry in entries if entry.key.reason is None and entry.counts.ranking.reason is None
-    )  # fmt: skip
+        for entry in detection_entries(run, options)
+        if entry.key.slice == "all" and entry.key.reason is None and entry.counts.ranking.reason is None
+    )
     judged = judge_detections(compare_class(native.sequence, VEHICLE, native.match))
     return Details(curves, tuple(_follow_objects(run, options)), _count_frames(judged))
 

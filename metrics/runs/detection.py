@@ -10,7 +10,7 @@ from fbench.metrics.detection import scores
 from fbench.metrics.detection.horizon import horizon_rows
 from fbench.metrics.detection.outcomes import compare_class, judge_detections
 from fbench.metrics.detection.scores import DetectionCounts
-from fbench.metrics.runs.places import ground_points, has_poses, regions_of
+from fbench.metrics.runs.places import ground_points, has_poses, once, regions_of
 from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.metadata import inside
@@ -42,6 +42,10 @@ def detection_entries(
     run: Run, options: ScoreOptions, match: Match | None = None
 ) -> tuple[ScoreCounts[DetectionCounts], ...]:
     """Measure all vehicles in each space, then labels and slices in the run's own, or by `match`, see `views`."""
+    return once(run, ("detection entries", options, match), lambda: _measure(run, options, match))
+
+
+def _measure(run: Run, options: ScoreOptions, match: Match | None) -> tuple[ScoreCounts[DetectionCounts], ...]:
     spaces = views(run, run.detections, options, match)
     entries, native = measure_classes(spaces, run.detections, scores.detection_counts, DetectionCounts()), spaces[0]
     if native.key.reason:

@@ -30,6 +30,10 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     """Return the detections or tracks of a run beside its 3D truth. Raises MetricError where the results are in images.
     Raises ConfigError where the log has no such regions as the options ask for, no poses, or doesn't tell what is seen.
     """
+    return once(run, ("ground view", table, options), lambda: _view_ground(run, table, options))
+
+
+def _view_ground(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     labeled = Labelled.of(run, "3d")
 
     def place(frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
@@ -89,6 +93,10 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
 
     A pipeline that works in images is judged in those of the cameras that it got.
     """
+    return once(run, ("image view", table, options), lambda: _view_images(run, table, options))
+
+
+def _view_images(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     derived = not any("2d" in frame.truth_spaces.split() for frame in run.frames)
     space: Literal["2d", "3d"] = "3d" if derived else "2d"
     labeled, recorded = Labelled.of(run, space), run.truth_table("2d").boxes
