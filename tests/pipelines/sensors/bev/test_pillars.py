@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper, numpy_helper
 
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints
@@ -16,6 +14,11 @@ from fbench.pipelines.sensors.bev.pillars import PillarLayout, decode, group_poi
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.variants.learned3d import Learned3D, Learned3DParams
 from fbench.replay.contracts.errors import ConfigError, ModelError
+
+onnx = pytest.importorskip("onnx", reason="onnx, which comes with the extra torch, isn't installed")
+from onnx import TensorProto, helper, numpy_helper  # noqa: E402
+
+pytestmark = pytest.mark.torch
 
 OUTPUTS = {"heatmap": 5, "reg": 2, "height": 1, "dim": 3, "rot": 2, "vel": 2}
 SIDE, CELL_M, REACH_M, POINTS = 32, 0.5, 8.0, 8
