@@ -153,7 +153,7 @@ def classify_shapes(
     rows = np.flatnonzero(shape.by_shape & (enough | ~is_lidar.any()))
     probability = np.full(len(groups), np.nan)
     if echo_shapes or not is_lidar.any():
-        probability = _judge_echoes(scene, groups, shape)
+        probability = _classify_echoes(scene, groups, shape)
     if scene.plane is None or not len(rows):
         return probability, label
     seen = Seen(_sort_points(scene, groups, rows, least), shape.rectangles[rows], scene.plane, scene.eye_m)
@@ -172,7 +172,7 @@ _ECHO_WEIGHT, _LEAST_BY_ECHOES = 0.7, 0.3
 """How far shapes of echoes are believed; less than the second says nothing: many vehicles look odd to a radar."""
 
 
-def _judge_echoes(scene: Scene, groups: Groups, shape: Shapes) -> Float64:
+def _classify_echoes(scene: Scene, groups: Groups, shape: Shapes) -> Float64:
     """Probability (M,) that what a camera sees, and LiDAR and stereo too little of, is a vehicle by the shape of its
     radar echoes, NaN where they say nothing, or are too few in a frame to show shapes.
     """
