@@ -6,7 +6,7 @@ from pathlib import Path
 import fiftyone
 
 from fbench.api.runs import open_run
-from fbench.reports.html.scene import box_rows
+from fbench.reports.boxes import box_rows
 
 run, folder = open_run(sys.argv[1]).run, Path(sys.argv[2]).resolve()
 folder.mkdir(parents=True, exist_ok=True)

@@ -16,8 +16,8 @@ from fbench.replay.geometry.iou import corners
 from fbench.replay.runs.folder import FrameRecord, Run
 from fbench.replay.runs.media import MediaFrame
 from fbench.replay.runs.outcomes import load_outcomes
+from fbench.reports.boxes import box_rows
 from fbench.reports.html.records import visible
-from fbench.reports.html.scene import box_rows
 from fbench.reports.overlay.draw import Side, describe
 
 _EDGES = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]

@@ -1,30 +1,25 @@
 """The frames of all runs for the player: pictures, points and boxes in a budget, compressed, errors first."""
 
-import base64
-import json
 import zlib
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import groupby, pairwise
 from typing import Any, Literal
 
 import numpy as np
 
-from fbench.replay.contracts.errors import LogError
-from fbench.replay.data.arrays import Array, Float64, Int64
-from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes, Boxes2D, Boxes3D, finite
+from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.details import load_details
 from fbench.replay.data.rig import Rig
-from fbench.replay.geometry.camera import is_pinhole, project_body, project_boxes, project_edges, rays
-from fbench.replay.geometry.iou import corners
-from fbench.replay.geometry.transforms import transform
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.media import MediaFrame, Points, pack_points, thin
+from fbench.replay.runs.media import MediaFrame
 from fbench.replay.runs.outcomes import load_outcomes
 from fbench.replay.runs.tables import BoxTable
+from fbench.reports.boxes import box_rows
 from fbench.reports.html.overview import current_rows, row_numbers, timeline
-from fbench.reports.html.records import round_floats
+from fbench.reports.html.store import Store, compact_boxes, deflate_json, pack_cloud
 
 PLAYER = (
     "store.js", "view.js", "points.js", "scene.js", "camera.js", "objects.js", "timeline.js", "errors.js", "player.js",
@@ -38,127 +33,7 @@ CHUNK = 16  # Frames that are compressed together
 _AROUND = 5  # Frames before and after an error that come with it
 _LONGEST = 60  # Frames of a clip
 _BOX_SHARE = 0.6  # Of the budget, which boxes may take; pictures and points have the rest
-_NUMBERS = ("id", "score", "distance", "speed")
-_PLAIN = (*_NUMBERS, "label", "sources", "predicted", "ignore", "invalid", "velocity", "place")
 _RANK = ("hit", "missed", "false alarm", "invalid", "ignored")
-
-
-def box_rows(boxes: Boxes | None, rig: Rig, cameras: list[str]) -> list[dict[str, Any]]:
-    """Return one mapping a box: what it is, `distance` [m], `speed` [m/s] and its outline `seen` in each camera [px].
-
-    What isn't finite, or is beyond all bounds, can't be drawn: such boxes are marked `invalid` and have no geometry.
-    3D boxes carry their `corners` (24 numbers, body coordinates) and speed over ground; 2D boxes the range rate,
-    positive when receding, and their `place` where they have a distance.
-    """
-    if boxes is None or not len(boxes):
-        return []
-    drawable, _ = finite(boxes)
-    sound = boxes[drawable]
-    geometry = iter(_rows_3d(sound, rig, cameras) if isinstance(sound, Boxes3D) else _rows_2d(sound, rig))
-
-    def column(values: Array | None, absent: object) -> list[Any]:
-        return [absent] * len(boxes) if values is None else values.tolist()
-
-    columns = {
-        "label": column(boxes.label, ""),
-        "id": [None if track_id < 0 else track_id for track_id in column(boxes.track_id, -1)],
-        "score": column(boxes.score, None),
-        "sources": column(boxes.sources, 0),
-        "predicted": column(boxes.predicted, False),
-        "ignore": column(boxes.ignore, False),
-    }
-    rows = (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))
-    nowhere = {"invalid": True, "seen": {}, "distance": None, "speed": None}
-    return [row | (next(geometry) if can_draw else nowhere) for row, can_draw in zip(rows, drawable, strict=True)]
-
-
-def _rows_3d(boxes: Boxes3D, rig: Rig, cameras: list[str]) -> list[dict[str, Any]]:
-    eight = corners(boxes)
-    distance = np.sqrt(np.sum(boxes.center_m**2, axis=1))
-    rows: list[dict[str, Any]] = [
-        {"corners": np.round(own, 2).ravel().tolist(), "distance": float(away), "seen": {}}
-        for own, away in zip(eight, distance, strict=True)
-    ]
-    for name in cameras:
-        try:
-            rectangles, visible = project_boxes(rig, name, boxes)
-            wires = project_body(rig, name, eight.reshape(-1, 3))[0].reshape(-1, 16)
-            straight = is_pinhole(rig.cameras[name])
-            # Where a lens bends straight lines, each of the 12 edges is a curve of several points.
-            curves = None if straight else project_edges(rig, name, boxes).reshape(len(boxes), 12, -1)
-        except LogError:
-            continue  # its distortion isn't modeled
-        for i in np.flatnonzero(visible):
-            wire = np.round(wires[i], 1).tolist() if np.isfinite(wires[i]).all() else None
-            outline = rows[i]["seen"][name] = {"rect": np.round(rectangles[i], 1).tolist(), "wire": wire}
-            if curves is not None and np.isfinite(curves[i]).all():
-                outline["curves"] = np.round(curves[i], 1).tolist()
-    if boxes.velocity_mps is not None:
-        for row, v in zip(rows, boxes.velocity_mps, strict=True):
-            row |= {"velocity": v[:2].tolist(), "speed": float(np.hypot(v[0], v[1]))}
-    return rows
-
-
-def _rows_2d(boxes: Boxes2D, rig: Rig) -> list[dict[str, Any]]:
-    rows = []
-    for i in range(len(boxes)):
-        camera, rect = str(boxes.camera[i]), boxes.xyxy_px[i]
-        distance = None if boxes.distance_m is None else float(boxes.distance_m[i])
-        rate = None if boxes.range_rate_mps is None else float(boxes.range_rate_mps[i])
-        seen = {camera: {"rect": np.round(rect, 1).tolist(), "wire": None}}
-        rows.append({"seen": seen, "distance": distance, "speed": rate, **_place(rig, camera, rect, distance, rate)})
-    return rows
-
-
-def _place(rig: Rig, name: str, rect: Float64, distance: float | None, rate: float | None) -> dict[str, Any]:
-    """Return where a 2D box of known distance lies in body coordinates, and its radial velocity there.
-
-    It is the point on the ray through the middle of the rectangle that is `distance` away from the body's origin.
-    """
-    if distance is None or not 0 < distance < MAX_MAGNITUDE or name not in rig.cameras or name not in rig.mounts:
-        return {}
-    camera, body_T_camera = rig.cameras[name], rig.body_T_sensor(name)
-    try:
-        ahead = rays(camera, (rect[None, :2] + rect[None, 2:]) / 2)
-    except LogError:
-        return {}
-    if not np.isfinite(ahead).all():
-        return {}
-    origin = body_T_camera[:3, 3]
-    ray = transform(body_T_camera, ahead)[0] - origin
-    along = float(np.sum(origin * ray))
-    beyond = distance**2 - float(np.sum(origin**2))
-    if beyond <= 0:
-        return {}
-    place = origin + (np.sqrt(along**2 + beyond) - along) * ray
-    velocity = None if rate is None else (place[:2] / distance * rate).tolist()
-    return {"place": place.tolist(), "velocity": velocity}
-
-
-@dataclass(frozen=True)
-class Store:
-    """Contents in base64, each once, that the page refers to by number and decodes when it shows them."""
-
-    entries: dict[str, int] = field(default_factory=dict)
-
-    def add(self, content: bytes) -> int:
-        """Return the number of a content."""
-        return self.entries.setdefault(base64.b64encode(content).decode("ascii"), len(self.entries))
-
-    def cost(self, contents: Sequence[bytes]) -> int:
-        """Return what contents would add to the file."""
-        texts = {base64.b64encode(content).decode("ascii") for content in contents}
-        return sum(len(text) + 1 for text in texts if text not in self.entries)
-
-    @property
-    def num_bytes(self) -> int:
-        """What it takes in the file."""
-        return sum(map(len, self.entries)) + len(self.entries)
-
-    @property
-    def text(self) -> str:
-        """One entry a line."""
-        return "\n".join(self.entries)
 
 
 @dataclass(frozen=True)
@@ -260,7 +135,7 @@ def _add_media(
                 continue
             row, kept, rig = queue[turn]
             pictures = {name: picture.jpeg for name, picture in sorted(kept.pictures.items())}
-            clouds = {name: _pack(points, max_points, packed) for name, points in sorted(kept.points.items())}
+            clouds = {name: pack_cloud(points, max_points, packed) for name, points in sorted(kept.points.items())}
             size = store.cost([*pictures.values(), *clouds.values()])
             if used + size > budget:
                 entry["without_media"] += 1
@@ -276,19 +151,6 @@ def _add_media(
     for entry in content:
         entry["media"].sort(key=lambda item: item[0])
     return is_whole
-
-
-def _pack(points: Points, most: int, packed: dict[bytes, bytes]) -> bytes:
-    """Return points compressed, column by column; equal ones, as of several runs of a log, are compressed once."""
-    table = pack_points(thin(points, most))
-    if table not in packed:
-        packed[table] = _deflate(np.frombuffer(table, "<i2").reshape(-1, 4).T.tobytes())
-    return packed[table]
-
-
-def _deflate(content: bytes) -> bytes:
-    squeeze = zlib.compressobj(6, zlib.DEFLATED, -15)
-    return squeeze.compress(content) + squeeze.flush()
 
 
 class _Shown:
@@ -449,7 +311,7 @@ class _Shown:
                 spans.append(range(start, stop) if source is not None else range(0))
             wanted = np.array([at for span in spans for at in span], np.int64)
             boxes = table.boxes[wanted]
-            rows = iter(zip(wanted.tolist(), _compact_boxes(boxes, box_rows(boxes, rig, seen)), strict=True))
+            rows = iter(zip(wanted.tolist(), compact_boxes(boxes, box_rows(boxes, rig, seen)), strict=True))
             for (row, _), span in zip(members, spans, strict=True):
                 found = []
                 for _ in span:
@@ -475,7 +337,7 @@ class _Shown:
         chunks = []
         for start in range(0, len(rows), CHUNK):
             both = [self._boxes[row] for row in rows[start : start + CHUNK]]
-            chunks.append([store.add(_squeeze([pair[side] for pair in both])) for side in (0, 1)])
+            chunks.append([store.add(deflate_json([pair[side] for pair in both])) for side in (0, 1)])
         sizes = {**dict(self.run.manifest.images), **_sizes(self.run.manifest.rig)}
         errors = {name: counts.tolist() for name, counts in self.errors.items()} if self.outcomes else None
         line = {**self.timeline, "errors": errors}
@@ -491,40 +353,10 @@ def _best(outcomes: dict[tuple[int, str], str]) -> dict[int, str]:
     return found
 
 
-def _squeeze(content: Any) -> bytes:
-    text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-    return _deflate(text.encode("utf-8", "replace"))
-
-
 def _flat_pose(pose: Float64) -> list[float]:
     """Return x, y [m] and heading [rad] of a pose: position and quaternion x, y, z, w."""
     x, y, _, i, j, k, w = pose.tolist()
     return [round(x, 2), round(y, 2), round(float(np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))), 4)]
-
-
-def _compact_boxes(boxes: Boxes, rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Leave out what the page can do without: empty values, corners (it has center, size and angles), and rectangles
-    around wires.
-    """
-    solid: list[list[float]] = []
-    if isinstance(boxes, Boxes3D) and len(boxes):
-        angles = [np.zeros(len(boxes)) if a is None else a for a in (boxes.yaw_rad, boxes.pitch_rad, boxes.roll_rad)]
-        solid = np.column_stack([boxes.center_m, boxes.size_lwh_m, *angles]).tolist()
-    for at, row in enumerate(rows):
-        box = {name: round_floats(row[name]) for name in _PLAIN if row.get(name) or (name in _NUMBERS and name in row)}
-        box = {name: value for name, value in box.items() if value is not None}
-        if "corners" in row:
-            box["box"] = [*(round(v, 2) for v in solid[at][:6]), *(round(v, 3) for v in solid[at][6:])]
-        if seen := row["seen"]:
-            box["seen"] = {name: _outline(outline) for name, outline in seen.items()}
-        yield box
-
-
-def _outline(outline: dict[str, Any]) -> Any:
-    if outline.get("curves"):
-        return {"rect": outline["rect"], "curves": [[round(v) for v in edge] for edge in outline["curves"]]}
-    wire = outline["wire"]
-    return [round(v) for v in wire] if wire else outline["rect"]
 
 
 def _sizes(rig: Rig) -> dict[str, list[int]]:

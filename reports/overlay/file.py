@@ -30,8 +30,8 @@ from fbench.replay.logs.container import Container, LogHeader
 from fbench.replay.logs.containers.mcap.write import Encoded, RawMcapWriter, encode
 from fbench.replay.logs.coordinate_frames import BODY
 from fbench.replay.runs.folder import FrameRecord, Run
+from fbench.reports.boxes import box_rows
 from fbench.reports.html.records import visible
-from fbench.reports.html.scene import box_rows
 from fbench.reports.overlay.draw import UPRIGHT, Side, describe, draw_box, facts, one_line, outline_box, plain_name
 from fbench.reports.overlay.layout import layout
 

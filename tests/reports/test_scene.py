@@ -20,10 +20,11 @@ from fbench.replay.engine.service_queue import LatencyModel
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.media import MediaFrame, Points
 from fbench.replay.runs.outcomes import save_outcomes
+from fbench.reports.boxes import box_rows
 from fbench.reports.html.latency import frame_times
 from fbench.reports.html.overview import overview
 from fbench.reports.html.records import brief, island, number, round_floats, visible
-from fbench.reports.html.scene import box_rows, scenes
+from fbench.reports.html.scene import scenes
 
 MakeRun = Callable[[Plan], Run]
 Write = Callable[..., Page]
