@@ -131,7 +131,7 @@ class Simulation:
             setattr(air, name, value)
         world.set_weather(air)
         self.map = world.get_map()
-        self._parked = list(_parked(carla, world))
+        self._parked = list(_find_parked(carla, world))
         self._library = world.get_blueprint_library()
         self._spawn_vehicles()
         self._spawn_pedestrians()
@@ -276,7 +276,7 @@ def _shape(actor: Any) -> Body:
     return Body(actor.id, label, actor.type_id, actor_T_box, size, np.zeros(3))
 
 
-def _parked(carla: Any, world: Any) -> Iterator[Body]:
+def _find_parked(carla: Any, world: Any) -> Iterator[Body]:
     """Yield the vehicles that belong to the map, whose boxes are given in the world."""
     found = [
         (one, name.lower())

@@ -82,7 +82,7 @@ def find_events(objects: Objects, steps: Steps, ego: EgoMotion, is_truth: bool =
     if visible is not None and hidden is not None:
         first = _first_seen(tracks, visible, objects, steps)
         rows["first seen at distance"] = _far_first(tracks, first, time_s, objects)
-        rows["occluded then visible"] = _reappeared(tracks, visible, hidden, time_s, steps.places[objects.step])
+        rows["occluded then visible"] = _find_reappearing(tracks, visible, hidden, time_s, steps.places[objects.step])
     return Found({name: rows[name] for name in EVENTS}, known, visible, first)
 
 
@@ -165,7 +165,7 @@ def _far_first(tracks: list[Int64], first: Int64, time_s: Float64, objects: Obje
     return found
 
 
-def _reappeared(tracks: list[Int64], visible: Bool, hidden: Bool, time_s: Float64, place: Int64) -> Bool:
+def _find_reappearing(tracks: list[Int64], visible: Bool, hidden: Bool, time_s: Float64, place: Int64) -> Bool:
     found = np.zeros(len(visible), bool)
     for track in tracks:
         seen, dark, t = visible[track], hidden[track], time_s[track]

@@ -1,4 +1,4 @@
-"""What scores of a run are made of, as `details.json` holds it, ready to be drawn: curves, objects, and frames."""
+"""Details of scores, ready to be drawn, as `details.json` holds them: curves, objects, and frames."""
 
 import json
 from dataclasses import asdict, dataclass

@@ -1,4 +1,4 @@
-"""What became of the boxes of a run, as its scores count them, kept in the run folder so that reports can show it."""
+"""Outcomes of the boxes of a run (hit, missed, false alarm), as its scores count them, kept for its reports."""
 
 import os
 from collections.abc import Mapping
