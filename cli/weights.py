@@ -49,11 +49,12 @@ def get(
 @app.command("train", epilog=options.examples("weights train"))
 def train(
     folder: Annotated[
-        Path, Argument(metavar="LOGS", help="Folder of logs with truth: 2D for camera, 3D for learned3d.")
+        Path, Argument(metavar="LOGS", help="Folder of logs with truth: 2D for camera and rgbd, 3D for learned3d.")
     ],
     out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="File for the weights.")],
     model: Annotated[
-        Literal["camera", "learned3d"], Option(help="The camera detector, or the bird's-eye network of learned3d.")
+        Literal["camera", "rgbd", "learned3d"],
+        Option(help="The camera detector, the one with points in its image, or the bird's-eye network of learned3d."),
     ] = "camera",
     seed: Annotated[int | None, Option(min=0, help="Seed of the initial weights and of the augmentation.")] = None,
     steps: Annotated[int | None, Option(min=1, help="Number of training steps; use fewer for a trial.")] = None,
@@ -75,7 +76,7 @@ def train(
 
     recipe = Recipe(TrainRequest(model, _find_logs(folder), seed, steps, device, threads))
     loop = recipe.loop
-    num = format_count(len(loop.samples), "image" if model == "camera" else "frame")
+    num = format_count(len(loop.samples), "frame" if model == "learned3d" else "image")
     say(f"{num}, {format_count(loop.settings.steps, 'step')}, seed {loop.settings.seed}")
     checkpoint = out.with_suffix(".checkpoint")
     with message_progress(out.name, loop.settings.steps) as progress:

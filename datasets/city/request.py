@@ -175,25 +175,44 @@ compared on the same scene.
 TRAINING_SEEDS = range(301, 371)  # None of the suite's. Each is another drive: those teach more than other weathers do.
 _WEATHERS = ("clear", "fog", "night", "rain", "low-sun", "dusk", "dense-fog", "heavy-rain", "overcast", "night")
 """One a drive, in turn; by night twice as many, as that is hardest."""
-_SECONDS, _RATE_HZ = 30.0, 0.2  # Few images of a long drive teach more than many of a short one
+_SECONDS, _RATE_HZ = 16.0, 0.25  # Few images of many drives teach more than many of few
 
 
 def training_logs() -> Iterator[tuple[str, CitySpec]]:
-    """Yield name and spec of every log: four cameras like the thesis's mono camera look ahead, back and to the sides;
-    every other turn of the weathers has dense traffic besides.
+    """Yield name and spec of every log: four cameras like the thesis's mono camera look ahead, back and to the sides,
+    beside a radar each, below the thesis's LiDAR; points are as dense as there in each message. Each drive comes with
+    normal and with dense traffic.
     """
     views = {"front": ((2.0, 0.0, 1.0), 0.0), "rear": ((-2.0, 0.0, 1.2), 180.0),
              "left": ((0.5, 0.8, 1.4), 60.0), "right": ((0.5, -0.8, 1.6), -60.0)}  # fmt: skip
     cameras = {name: CameraSpec(translation_m=at, yaw_pitch_roll_deg=(yaw_deg, 0.0, 0.0), rate_hz=_RATE_HZ)
                for name, (at, yaw_deg) in views.items()}  # fmt: skip
-    rig = RigSpec(cameras=cameras, pose_rate_hz=1.0)
+    lidar, radar = _slow_down(_POINT_RATE_HZ)
+    radar = radar.model_copy(
+        update={"rate_hz": _RATE_HZ, "points_per_s": round(radar.points_per_s * _RATE_HZ / _POINT_RATE_HZ)}
+    )
+    radars = {
+        f"{name}_radar": radar.model_copy(update={"translation_m": at, "yaw_pitch_roll_deg": (yaw_deg, -5.0, 0.0)})
+        for name, (at, yaw_deg) in views.items()
+    }
+    rig = RigSpec(cameras=cameras, lidars={"lidar": lidar}, radars=radars, pose_rate_hz=1.0)
     for world in _BOTH:
         for place, seed in enumerate(TRAINING_SEEDS):
-            turn, weather = divmod(place, len(_WEATHERS))
-            name = _WEATHERS[weather]
-            if turn % 2:
-                name = "traffic" if name == "clear" else f"traffic+{name}"
-            yield f"{world}-{name}-{seed}", CitySpec(world, condition(name), _SECONDS, seed, rig)
+            for turn, traffic in enumerate(("", "traffic+")):
+                weather = _WEATHERS[(place + 3 * turn) % len(_WEATHERS)]
+                name = "traffic" if traffic and weather == "clear" else traffic + weather
+                yield f"{world}-{name}-{seed}", CitySpec(world, condition(name), _SECONDS, seed, rig)
+
+
+def _slow_down(rate_hz: float) -> tuple[LidarSpec, RadarSpec]:
+    """LiDAR and radar of the thesis with as many points in each message, but fewer messages."""
+    rig = thesis_rig()
+    lidar, radar = rig.lidars["lidar"], rig.radars["radar"]
+    few = [round(spec.points_per_s / spec.rate_hz * rate_hz) for spec in (lidar, radar)]
+    return (
+        lidar.model_copy(update={"rate_hz": rate_hz, "points_per_s": few[0]}),
+        radar.model_copy(update={"rate_hz": rate_hz, "points_per_s": few[1]}),
+    )
 
 
 _POINT_WEATHERS = ("clear", "fog", "rain", "clear", "dense-fog", "heavy-rain", "clear")
@@ -204,14 +223,8 @@ def point_training_logs() -> Iterator[tuple[str, CitySpec]]:
     """Yield name and spec of every log of points: LiDAR and radar of the thesis, as dense as there in each message but
     one every 2 s; each drive with normal and with dense traffic.
     """
-    rig = thesis_rig()
-    lidar, radar = rig.lidars["lidar"], rig.radars["radar"]
-    few = [round(spec.points_per_s / spec.rate_hz * _POINT_RATE_HZ) for spec in (lidar, radar)]
-    rig = RigSpec(
-        lidars={"lidar": lidar.model_copy(update={"rate_hz": _POINT_RATE_HZ, "points_per_s": few[0]})},
-        radars={"radar": radar.model_copy(update={"rate_hz": _POINT_RATE_HZ, "points_per_s": few[1]})},
-        pose_rate_hz=1.0,
-    )
+    lidar, radar = _slow_down(_POINT_RATE_HZ)
+    rig = RigSpec(lidars={"lidar": lidar}, radars={"radar": radar}, pose_rate_hz=1.0)
     for world in _BOTH:
         for place, seed in enumerate(TRAINING_SEEDS):
             for turn, traffic in enumerate(("", "traffic+")):

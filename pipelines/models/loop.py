@@ -11,6 +11,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from fbench.pipelines.models.settings import LoopSettings
 from fbench.replay.contracts.errors import ConfigError
@@ -136,8 +137,9 @@ def _rate(step: int, settings: LoopSettings) -> float:
 
 @torch.no_grad()
 def _average(averaged: nn.Module, network: nn.Module, kept: float) -> None:
-    for old, new in zip(averaged.state_dict().values(), network.state_dict().values(), strict=True):
-        if old.dtype.is_floating_point:
-            old.lerp_(new, 1 - kept)
-        else:
+    pairs = list(zip(averaged.state_dict().values(), network.state_dict().values(), strict=True))
+    floats = [(old, new) for old, new in pairs if old.dtype.is_floating_point]
+    get_ema_multi_avg_fn(kept)([old for old, _ in floats], [new for _, new in floats], None)
+    for old, new in pairs:
+        if not old.dtype.is_floating_point:
             old.copy_(new)

@@ -1,7 +1,7 @@
 """The network of the city's camera detector, and its export to ONNX."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -68,9 +68,9 @@ class Pyramid(nn.Module):
 class Backbone(nn.Module):
     """Features at the three strides."""
 
-    def __init__(self) -> None:
+    def __init__(self, num_channels: int) -> None:
         super().__init__()
-        self.stem = nn.Sequential(Unit(3, _STEM // 2 + 4, 3, 2), Unit(_STEM // 2 + 4, _STEM, 3, 2))
+        self.stem = nn.Sequential(Unit(num_channels, _STEM // 2 + 4, 3, 2), Unit(_STEM // 2 + 4, _STEM, 3, 2))
         near, middle, far = _WIDTHS
         self.eighth = nn.Sequential(Unit(_STEM, near, 3, 2), Residual(near))
         self.sixteenth = nn.Sequential(Unit(near, middle, 3, 2), Residual(middle), Residual(middle))
@@ -121,13 +121,15 @@ class Head(nn.Module):
 class CityDetector(nn.Module):
     """Logits and boxes of every cell of an image.
 
-    Input (B, 3, H, W) RGB 0 to 1, H and W multiples of 32. Output: logits (B, C, N), boxes (B, 4, N) as left, top,
-    right, bottom [px] from the input's upper left corner; cells level by level, row by row.
+    Input (B, 3, H, W) RGB 0 to 1, H and W multiples of 32; with points also what `draw_channels` draws. Output: logits
+    (B, C, N), boxes (B, 4, N) as left, top, right, bottom [px] from the input's upper left corner; cells level by
+    level, row by row.
     """
 
-    def __init__(self, num_classes: int) -> None:
+    def __init__(self, num_classes: int, num_channels: int = 3) -> None:
         super().__init__()
-        self.backbone, self.neck = Backbone(), Neck()
+        self.num_channels = num_channels
+        self.backbone, self.neck = Backbone(num_channels), Neck()
         self.heads = nn.ModuleList([Head(num_classes) for _ in STRIDES])
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
@@ -175,10 +177,12 @@ class _Exported(nn.Module):
         return torch.cat([(low + high) / 2, high - low, logits.sigmoid()], 1)
 
 
-def export(network: CityDetector, path: Path) -> None:
-    """Write an ONNX file: input `images` (B, 3, 480, 640) RGB 0 to 1, output `boxes` (B, 4 + C, N)."""
+def export(network: CityDetector, path: Path, card: Mapping[str, str]) -> None:
+    """Write an ONNX file: input `images` (B, 3 or 5, 480, 640) 0 to 1, output `boxes` (B, 4 + C, N); the card becomes
+    its metadata.
+    """
     part = path.with_suffix(".part")
-    blank = torch.zeros(1, 3, INPUT_WH[1], INPUT_WH[0])
+    blank = torch.zeros(1, network.num_channels, INPUT_WH[1], INPUT_WH[0])
     with warnings.catch_warnings():
         # The newer exporter needs another package, and gives the same graph.
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -192,6 +196,6 @@ def export(network: CityDetector, path: Path) -> None:
     # The exporter forgot the shape, by which readers tell families of models apart.
     port, shape = model.graph.output[0], ["batch", 4 + len(CLASSES), cells(*INPUT_WH).shape[1]]
     port.CopyFrom(onnx.helper.make_tensor_value_info(port.name, onnx.TensorProto.FLOAT, shape))
-    onnx.helper.set_model_props(model, {"description": "fbench's detector for its simulated city", **said})
+    onnx.helper.set_model_props(model, {"description": "fbench's detector for its simulated city", **card, **said})
     onnx.save(model, str(part))
     part.replace(path)

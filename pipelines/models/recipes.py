@@ -11,13 +11,13 @@ from typing import Any, Literal
 import torch
 
 from fbench.pipelines.models import bev_network, network
-from fbench.pipelines.models.bev_samples import BevSettings, bev_samples
+from fbench.pipelines.models.bev_samples import BevSettings, bev_samples, rgbd_samples
 from fbench.pipelines.models.bev_train import BevTraining
 from fbench.pipelines.models.loop import Loop
-from fbench.pipelines.models.samples import TrainingSettings, samples
+from fbench.pipelines.models.samples import RgbdSettings, TrainingSettings, samples
 from fbench.pipelines.models.train import Training
 
-ModelName = Literal["camera", "learned3d"]
+ModelName = Literal["camera", "rgbd", "learned3d"]
 _CURVE_STEPS = 100  # One mean of the loss for so many steps
 
 
@@ -47,13 +47,14 @@ class Recipe:
         if request.device == "cuda":  # the same weights each time on one kind of card
             os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
             torch.use_deterministic_algorithms(True)
+        logs, threads = request.logs, request.threads
+        self.loop: Loop[Any, Any, Any, Any]
         if request.model == "camera":
-            camera = self._change(TrainingSettings())
-            self.loop: Loop[Any, Any, Any, Any] = Training(samples(request.logs), camera, request.device)
+            self.loop = Training(samples(logs), self._change(TrainingSettings()), request.device, threads)
+        elif request.model == "rgbd":
+            self.loop = Training(rgbd_samples(logs, threads), self._change(RgbdSettings()), request.device, threads)
         else:
-            settings = self._change(BevSettings())
-            found = bev_samples(request.logs, request.threads)
-            self.loop = BevTraining(found, settings, request.device, request.threads)
+            self.loop = BevTraining(bev_samples(logs, threads), self._change(BevSettings()), request.device, threads)
 
     def _change(self, settings: Any) -> Any:
         asked = {"seed": self.request.seed, "steps": self.request.steps}
@@ -67,10 +68,8 @@ class Recipe:
             "samples": len(self.loop.samples), "logs": len(logs), "device": self.request.device,
             "torch": torch.__version__,
         }  # fmt: skip
-        if self.request.model == "camera":
-            network.export(trained, out)
-        else:
-            bev_network.export(trained, out, {name: str(value) for name, value in card.items()})
+        export = bev_network.export if self.request.model == "learned3d" else network.export
+        export(trained, out, {name: str(value) for name, value in card.items()})
         means = [
             round(sum(part) / len(part), 4)
             for at in range(0, len(self.losses), _CURVE_STEPS)

@@ -1,19 +1,24 @@
 """Images and truth of a training, and the inputs of each step: a function of the settings and the step alone."""
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 
 from fbench.pipelines.models.settings import LoopSettings
+from fbench.pipelines.sensors.camera.channels import NO_POINTS, ImagePoints, draw_channels
 from fbench.pipelines.sensors.camera.layouts import PAD_VALUE
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image
 from fbench.replay.logs.open import open_log
@@ -27,12 +32,25 @@ INPUT_WH = (640, 480)  # Width and height of the finished detector's input [px]
 class TrainingSettings(LoopSettings):
     """Parameters of a training; every `whole_every`-th batch is one of whole images."""
 
+    steps: int = 10_000
     crops: int = 12  # Crops in a batch.
     crop_wh: tuple[int, int] = (320, 256)  # Size of a crop [px of the network's input].
     wholes: int = 3  # Whole images in a batch.
     whole_every: int = 5
     zoom: tuple[float, float] = (0.55, 1.4)
     """Range of the scale of a crop, times the scale of a whole image in the network's input; drawn evenly in log."""
+    common: float = 0.4  # Classes that a smaller share of images show are drawn more often, see `rarity`.
+
+
+@dataclass(frozen=True)
+class RgbdSettings(TrainingSettings):
+    """The same with points: in how large a share of the views which of them, or the image, is missing."""
+
+    without_points: float = 0.15
+    without_lidar: float = 0.12
+    without_radar: float = 0.2
+    without_image: float = 0.05
+    thinned: float = 0.3  # Share of views from which many of LiDAR's points are dropped
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +61,7 @@ class Sample:
     image: Image
     xyxy: Float64  # (N, 4) left, top, right, bottom around whole bodies [px from the upper left corner]
     class_id: Int64  # (N,) index in `CLASSES`; -1 of what is neither to be found nor a mistake
+    points: ImagePoints = NO_POINTS
 
     @property
     def is_ignored(self) -> Bool:
@@ -56,7 +75,11 @@ def samples(logs: Sequence[Path]) -> list[Sample]:
     Cameras in which a log has no truth at all are left out: nobody labeled them. Raises LogError where there are none,
     or nothing in them is to be found.
     """
-    found = [sample for path in logs for sample in _of_log(path)]
+    return require_objects([sample for path in logs for sample in _of_log(path)])
+
+
+def require_objects(found: list[Sample]) -> list[Sample]:
+    """Return the samples. Raises LogError where there are none, or nothing in them is to be found."""
     if not found:
         raise LogError("no image with 2D truth in these logs: nothing to learn from")
     if all(sample.is_ignored.all() for sample in found):
@@ -70,16 +93,30 @@ def _of_log(path: Path) -> Iterator[Sample]:
     labeled = {str(camera) for boxes in truths.values() for camera in boxes.camera}
     for message in log.messages():
         if isinstance(message, Image) and message.sensor in labeled and message.stamp_ns in truths:
-            truth = truths[message.stamp_ns]
-            ids = np.full(len(truth), -1)
-            if truth.label is not None:
-                for index, label in enumerate(CLASSES):
-                    ids[truth.label == label] = index
-            if truth.ignore is not None:
-                ids[truth.ignore] = -1
-            mine = truth.camera == message.sensor
             name = f"{log.info.name} {log.info.log_id} {message.sensor} {message.stamp_ns}"
-            yield Sample(name, message, truth.xyxy_px[mine] + 0.5, ids[mine].astype(np.int64))
+            yield make_sample(name, message, truths[message.stamp_ns], NO_POINTS)
+
+
+def make_sample(name: str, image: Image, truth: Boxes2D, points: ImagePoints) -> Sample:
+    """Return an image with the truth of all cameras at its stamp."""
+    ids = np.full(len(truth), -1)
+    if truth.label is not None:
+        for index, label in enumerate(CLASSES):
+            ids[truth.label == label] = index
+    if truth.ignore is not None:
+        ids[truth.ignore] = -1
+    mine = truth.camera == image.sensor
+    return Sample(name, image, truth.xyxy_px[mine] + 0.5, ids[mine].astype(np.int64), points)
+
+
+def rarity(samples: Sequence[Sample], common: float) -> Float64:
+    """How many times as often objects of each class (C,) are drawn: sqrt(common / f) where a share f < common of the
+    images shows one (repeat factor sampling; Gupta et al., LVIS, CVPR 2019).
+    """
+    shown = np.zeros(len(CLASSES))
+    for sample in samples:
+        shown[np.unique(sample.class_id[~sample.is_ignored])] += 1
+    return np.asarray(np.sqrt(np.maximum(common * len(samples) / np.maximum(shown, 1), 1)), np.float64)
 
 
 _KEPT = 0.35  # Boxes of which less than this share is in the view are ignored
@@ -90,18 +127,24 @@ _NEAR_OBJECT = 0.8  # Share of crops that are laid around an object
 class View:
     """An input of the network and what is in it."""
 
-    pixels: Pixels  # (H, W, 3) RGB
+    pixels: Pixels  # (H, W, 3) RGB; (H, W, 5) with points, see `add_channels`
     xyxy: Float64  # (N, 4) [px]
     class_id: Int64  # (N,); -1 is ignored
+    points: ImagePoints = NO_POINTS  # Of the input
 
 
-def crop(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], scale: float, draw: np.random.Generator) -> View:
-    """Cut a window of `size_wh` out of an image (H, W, 3) BGR scaled by `scale`, mostly around an object."""
+def crop(
+    sample: Sample, pixels: Pixels, size_wh: tuple[int, int], scale: float, weight: Float64, draw: np.random.Generator
+) -> View:
+    """Cut a window of `size_wh` out of an image (H, W, 3) BGR scaled by `scale`, mostly around an object, which is
+    chosen by the weights (C,) of the classes.
+    """
     height, width = pixels.shape[:2]
     wanted = np.array(size_wh) / scale
     objects = sample.xyxy[~sample.is_ignored]
     if len(objects) and draw.random() < _NEAR_OBJECT:
-        one = objects[draw.integers(len(objects))]
+        chance = weight[sample.class_id[~sample.is_ignored]]
+        one = objects[draw.choice(len(objects), p=chance / chance.sum())]
         center = np.asarray((one[:2] + one[2:]) / 2)
     else:
         center = np.asarray(draw.uniform(0, 1, 2) * np.array((width, height)))
@@ -122,16 +165,16 @@ def whole(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], draw: np.ran
 def _view(
     sample: Sample, pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int], draw: np.random.Generator
 ) -> View:
-    shown = _scale(pixels, corner, scale, size_wh)
+    shown, points = _scale(pixels, corner, scale, size_wh), sample.points.move(scale, corner)
     xyxy = (sample.xyxy - np.tile(corner, 2)) * scale
     if draw.random() < 0.5:
-        shown = shown[:, ::-1]
+        shown, points = shown[:, ::-1], points.mirror(size_wh[0])
         xyxy = np.stack([size_wh[0] - xyxy[:, 2], xyxy[:, 1], size_wh[0] - xyxy[:, 0], xyxy[:, 3]], axis=1)
     inside = np.clip(xyxy, 0, np.tile(np.array(size_wh, np.float64), 2))
     kept = _area(inside) >= _KEPT * _area(xyxy)
     there = _area(inside) > 0
     ids = np.where(kept, sample.class_id, -1)
-    return View(_in_other_light(shown[..., ::-1], draw), inside[there], ids[there])
+    return View(_in_other_light(shown[..., ::-1], draw), inside[there], ids[there], points)
 
 
 def _scale(pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int]) -> Pixels:
@@ -168,29 +211,70 @@ def _area(xyxy: Float64) -> Float64:
     return sides[:, 0] * sides[:, 1]
 
 
+def add_channels(view: View, settings: RgbdSettings, draw: np.random.Generator) -> View:
+    """Draw the points of a view into it, where they or the image aren't missing."""
+    lidar, radar, pixels = view.points.lidar, view.points.radar, view.pixels
+    kinds = np.array([settings.without_points, settings.without_lidar, settings.without_radar, settings.without_image])
+    missing = int(np.searchsorted(np.cumsum(kinds), draw.random(), side="right"))
+    if missing in (0, 1):
+        lidar = lidar[:0]
+    if missing in (0, 2):
+        radar = radar[:0]
+    if missing == 3:
+        pixels = np.full_like(pixels, PAD_VALUE)
+    if draw.random() < settings.thinned:
+        lidar = lidar[draw.random(len(lidar)) < draw.uniform(0.1, 1)]
+        radar = radar[draw.random(len(radar)) < draw.uniform(0.1, 1)]
+    size = (pixels.shape[1], pixels.shape[0])
+    drawn = draw_channels(ImagePoints(lidar, radar, view.points.focal_px), size)
+    return View(np.concatenate([pixels, drawn], axis=2), view.xyxy, view.class_id)
+
+
+Made = TypeVar("Made")
+
+
+def make_ahead(
+    parts: Callable[[int], Iterator[Callable[[], Made]]], steps: range, threads: int
+) -> Iterator[list[Made]]:
+    """Yield what the parts of each step make, in order; those of the next steps are made while one is in use."""
+    with ThreadPoolExecutor(threads, "fbench-views") as pool:
+        waiting, upcoming = deque[list[Future[Made]]](), iter(steps)
+        for _ in steps:
+            while len(waiting) <= threads // 4 + 1 and (step := next(upcoming, None)) is not None:
+                waiting.append([pool.submit(work) for work in parts(step)])
+            yield [future.result() for future in waiting.popleft()]
+
+
 @dataclass(frozen=True)
 class Batcher:
     """Draws which images a step sees, and how."""
 
     samples: Sequence[Sample]
     settings: TrainingSettings
+    threads: int = 2
+    _weight: Float64 = field(init=False)  # (C,) of the classes
+    _chance: Float64 = field(init=False)  # (S,) of the samples
+
+    def __post_init__(self) -> None:
+        weight = rarity(self.samples, self.settings.common)
+        rarest = np.array([weight[s.class_id[~s.is_ignored]].max(initial=1) for s in self.samples])
+        object.__setattr__(self, "_weight", weight)
+        object.__setattr__(self, "_chance", rarest / rarest.sum())
 
     def batches(self, first: int, last: int) -> Iterator[list[View]]:
-        """Yield the batches of steps `first` to before `last`; the next one is made while one is in use."""
-        with ThreadPoolExecutor(1, "fbench-views") as pool:
-            waiting = pool.submit(self.batch, first)
-            for step in range(first, last):
-                views = waiting.result()
-                if step + 1 < last:
-                    waiting = pool.submit(self.batch, step + 1)
-                yield views
+        """Yield the batches of steps `first` to before `last`."""
+        return make_ahead(self._views, range(first, last), self.threads)
 
     def batch(self, step: int) -> list[View]:
         """Views of one step."""
+        return [make() for make in self._views(step)]
+
+    def _views(self, step: int) -> Iterator[Callable[[], View]]:
         is_whole = step % self.settings.whole_every == 0
         num = self.settings.wholes if is_whole else self.settings.crops
-        chosen = generator(self.settings.seed, "samples", step).choice(len(self.samples), num)
-        return [self._view(int(index), step, place, is_whole) for place, index in enumerate(chosen)]
+        chosen = generator(self.settings.seed, "samples", step).choice(len(self.samples), num, p=self._chance)
+        for place, index in enumerate(chosen.tolist()):
+            yield partial(self._view, index, step, place, is_whole)
 
     def _view(self, index: int, step: int, place: int, is_whole: bool) -> View:
         sample, draw = self.samples[index], generator(self.settings.seed, "view", step, place)
@@ -198,8 +282,10 @@ class Batcher:
         if pixels is None:
             raise LogError(f"{sample.name}: the image can't be decoded")
         if is_whole:
-            return whole(sample, pixels, INPUT_WH, draw)
-        low, high = np.log(self.settings.zoom)
-        height, width = pixels.shape[:2]
-        scale = min(INPUT_WH[0] / width, INPUT_WH[1] / height) * float(np.exp(draw.uniform(low, high)))
-        return crop(sample, pixels, self.settings.crop_wh, scale, draw)
+            view = whole(sample, pixels, INPUT_WH, draw)
+        else:
+            low, high = np.log(self.settings.zoom)
+            height, width = pixels.shape[:2]
+            scale = min(INPUT_WH[0] / width, INPUT_WH[1] / height) * float(np.exp(draw.uniform(low, high)))
+            view = crop(sample, pixels, self.settings.crop_wh, scale, self._weight, draw)
+        return add_channels(view, self.settings, draw) if isinstance(self.settings, RgbdSettings) else view

@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from fbench.pipelines.models.loop import Loop
 from fbench.pipelines.models.network import CityDetector, cell_strides, cells
-from fbench.pipelines.models.samples import CLASSES, Batcher, Sample, TrainingSettings, View
+from fbench.pipelines.models.samples import CLASSES, Batcher, RgbdSettings, Sample, TrainingSettings, View
 from fbench.replay.data.arrays import Array
 
 _RADIUS = 1.5  # Strides from the middle of an object within which cells shall find it
@@ -98,16 +98,19 @@ def giou(a: Tensor, b: Tensor) -> Tensor:
     return shared / union.clamp(min=1e-6) - (hull - union) / hull.clamp(min=1e-6)
 
 
+@dataclass(eq=False)
 class Training(Loop[Sample, TrainingSettings, CityDetector, list[View]]):
-    """The city's camera detector under way."""
+    """The city's camera detector under way, with points or without."""
+
+    threads: int = 2
 
     def make_network(self) -> CityDetector:
         """Return the network with its first weights."""
-        return CityDetector(len(CLASSES))
+        return CityDetector(len(CLASSES), 5 if isinstance(self.settings, RgbdSettings) else 3)
 
     def batches(self, first: int, last: int) -> Iterator[list[View]]:
         """Yield the views of steps `first` to before `last`."""
-        return Batcher(self.samples, self.settings).batches(first, last)
+        return Batcher(self.samples, self.settings, self.threads).batches(first, last)
 
     def judge(self, batch: list[View]) -> Tensor:
         """Return the loss of the network on some views."""

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.sensors.bev.stage import BevMeasurement
+from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.arrays import Float32, Float64
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.rig import Rig
@@ -15,9 +17,10 @@ FOCAL_PX = 320.0
 NEAREST_M, FARTHEST_M = 1.5, 120.0  # Depths that become 255 and 1 in the channel of depth; 0: nothing
 FULL_MPS = 20.0  # Radial velocity that becomes 255; 1 is as fast towards the camera, 128 stands, 0: nothing
 NUM_CHANNELS = 2
-STANDS_M = (0.25, 4.0)  # LiDAR points between these heights above ground are drawn: what stands on it
+STANDS_M = (0.25, 4.0)  # What lies between these heights above ground is drawn, and echoes that move
+MOVES_MPS = 1.0  # Least radial velocity over ground of those
 _REACH_PX = 1  # Beside its pixel a LiDAR point fills so many to each side
-_ECHO_M = (0.25, 0.75)  # Half width and half height of what an echo fills, since radars are poor at angles
+_ECHO_M = (0.2, 0.5)  # Half width and half height of what an echo fills, since radars are poor at angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,28 +33,39 @@ class ImagePoints:
 
     def move(self, scale: float, corner: Float64) -> "ImagePoints":
         """Return the points as seen in a part of the image from `corner` (2,) [px] on, scaled."""
-        parts = []
-        for rows in (self.lidar, self.radar):
-            moved = rows.copy()
-            moved[:, :2] = (rows[:, :2] - corner.astype(np.float32)) * np.float32(scale)
-            parts.append(moved)
-        return ImagePoints(parts[0], parts[1], self.focal_px * scale)
+        place, every = np.asarray(corner, np.float32), (self.lidar, self.radar)
+        moved = [np.column_stack([(rows[:, :2] - place) * np.float32(scale), rows[:, 2:]]) for rows in every]
+        return ImagePoints(moved[0], moved[1], self.focal_px * scale)
+
+    def mirror(self, width_px: int) -> "ImagePoints":
+        """Return the points as seen in the mirrored image."""
+        parts = [np.column_stack([np.float32(width_px) - rows[:, 0], rows[:, 1:]]) for rows in (self.lidar, self.radar)]
+        return ImagePoints(parts[0], parts[1], self.focal_px)
 
 
 NO_POINTS = ImagePoints(np.zeros((0, 3), np.float32), np.zeros((0, 4), np.float32), 1.0)
 
 
-def project_points(rig: Rig, camera: str, xyz: Float64, height_m: Float64, echoes: Float64) -> ImagePoints:
-    """Project LiDAR points (N, 3) with their heights (N,) above ground, and echoes (M, 4) with their radial velocity,
-    NaN where that isn't known, all in body coordinates [m, m/s]. Raises LogError where the camera has no projection.
+def project_points(rig: Rig, camera: str, seen: BevMeasurement, plane: Plane) -> ImagePoints:
+    """Project what LiDARs and radars measured in one frame and stands on the ground, or moves, into a camera. `plane`
+    is the ground, which earlier frames showed where this one doesn't. Raises LogError where the camera has no
+    projection.
     """
-    stands = (height_m > STANDS_M[0]) & (height_m < STANDS_M[1])
+    lidar, radar = np.zeros((0, 3)), np.zeros((0, 4))
+    if seen.xyz is not None:
+        height = seen.height_m if seen.plane is not None else seen.xyz[:, 2] - plane.z_m(seen.xyz)
+        lidar = seen.xyz[(height > STANDS_M[0]) & (height < STANDS_M[1])]
+    if seen.echoes is not None:
+        rate = np.nan_to_num(seen.echoes.range_rate_mps)
+        height = seen.echoes.xyz[:, 2] - plane.z_m(seen.echoes.xyz)
+        drawn = ((height > STANDS_M[0]) & (height < STANDS_M[1])) | (np.abs(rate) >= MOVES_MPS)
+        radar = np.column_stack([seen.echoes.xyz, rate])[drawn]
     parts = []
-    for points, more in ((xyz[stands], np.zeros((np.count_nonzero(stands), 0))), (echoes[:, :3], echoes[:, 3:])):
-        uv, depth = project_body(rig, camera, points)
+    for rows in (lidar, radar):
+        uv, depth = project_body(rig, camera, rows[:, :3])
         # What is far beside the image is never drawn.
-        seen = (np.abs(np.nan_to_num(uv, nan=1e9)) < 1e5).all(axis=1) & (depth > NEAREST_M / 2) & (depth < FARTHEST_M)
-        parts.append(np.column_stack([uv + 0.5, depth, np.nan_to_num(more)])[seen].astype(np.float32))
+        kept = (np.abs(np.nan_to_num(uv, nan=1e9)) < 1e5).all(axis=1) & (depth > NEAREST_M / 2) & (depth < FARTHEST_M)
+        parts.append(np.column_stack([uv + 0.5, depth, rows[:, 3:]])[kept].astype(np.float32))
     return ImagePoints(parts[0], parts[1], float(rig.cameras[camera].K[1, 1]))
 
 
