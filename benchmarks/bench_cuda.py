@@ -71,10 +71,11 @@ def read(rig: Rig, info: LogInfo, frames: Sequence[Frame], how: Rectifier) -> li
     found = []
     for frame in frames:
         cloud, seen = of_lidar.points(frame, StageClock()), of_radar.echoes(frame, StageClock())
-        images = [frame.messages.get(name) for name in ("camera", how.pair.left, how.pair.right)]
-        image, *pair = [one for one in images if isinstance(one, Image)] or [None]
-        if cloud is None or seen is None or image is None or len(pair) < 2:
+        messages = [frame.messages.get(name) for name in ("camera", how.pair.left, how.pair.right)]
+        images = [one for one in messages if isinstance(one, Image)]
+        if cloud is None or seen is None or len(images) < len(messages):
             continue
+        image, *pair = images
         pixels, left, right = decode(image), *(decode_grey(one) for one in pair)
         if pixels is None or left is None or right is None:
             continue
@@ -171,8 +172,7 @@ def ort_on_cuda(path: Path) -> Callable[[Any], object] | None:
     """Run a network by onnxruntime's CUDA provider, where there is one."""
     if "CUDAExecutionProvider" not in onnxruntime.get_available_providers():
         return None
-    if hasattr(onnxruntime, "preload_dlls"):  # not in older ones; finds the libraries that torch brings
-        onnxruntime.preload_dlls()
+    onnxruntime.preload_dlls()  # finds the libraries that torch brings
     session = onnxruntime.InferenceSession(str(path), providers=["CUDAExecutionProvider", "CPUExecutionProvider"])
     if session.get_providers()[0] != "CUDAExecutionProvider":
         return None
