@@ -28,8 +28,8 @@ from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.engine.service_queue import MEASURED
 from fbench.replay.engine.shared import SharedLogs, SharedReader
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.host import EnergyMeter, describe_cuda, describe_host, measure_reference_ms, peak_memory_mib
-from fbench.replay.runs.manifest import VariantEntry
+from fbench.replay.runs.host import EnergyMeter, describe_host, measure_reference_ms, peak_memory_mib
+from fbench.replay.runs.manifest import VariantEntry, execution_entry
 from fbench.replay.runs.redaction import public_name, public_pipeline
 from fbench.replay.runs.secrets import without_secrets
 from fbench.replay.setup.request import ReplayOptions, ReplayRequest
@@ -113,7 +113,8 @@ def replay(
         host = {**machine, "rate": rate, "wall_s": round(time.monotonic() - start, 3), **energy.describe_use()}
         host |= {"peak_memory_mib": round(peak_memory_mib(), 1), "reference_ms": round(measure_reference_ms(), 3)}
         host |= {"isolated": True} if request.isolate else {}
-        host |= {"device": request.device, "card": describe_cuda().get("card")} if request.device == "cuda" else {}
+        host |= {"device": request.device} if request.device != "cpu" else {}
+        host |= {"card": card} if (card := execution_entry().cuda.get("card")) else {}
         host |= {"overlap": 1 if plan.overlap is None else plan.overlap.num, "frames_per_s": speed.frames_per_s}
         replace_text(folder / "host.json", json.dumps({**host, **_describe_pace(clock.pace)}, indent=1) + "\n")
         if not request.redact:

@@ -124,7 +124,7 @@ PipelineOrFile = Annotated[
     ),
 ]  # fmt: skip
 Device = Annotated[
-    Literal["cpu", "cuda"], Option(help="Where networks run: 'cuda' is an NVIDIA GPU, and needs fbench[cuda].")
+    Literal["cpu", "cuda"], Option(help="Where networks run; 'cuda' is an NVIDIA GPU, see docs/learned.md.")
 ]
 Isolate = Annotated[
     bool, Option("--isolate", help="Run the pipeline in a process of its own, so that a crash costs only a frame.")

@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -314,4 +315,7 @@ def _versions() -> Mapping[str, str]:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = "absent"
+    if versions["onnxruntime"] == "absent":
+        with suppress(PackageNotFoundError):
+            versions["onnxruntime"] = version("onnxruntime-gpu")  # the same module, and the same on the CPU
     return versions

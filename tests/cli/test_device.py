@@ -36,7 +36,7 @@ def test_cuda_that_isnt_there_ends_all_before_it_begins(fbench, log, tmp_path, c
     result = fbench(*command.format(log=log).split(), "--device", "cuda")
     assert (result.code, result.out, result.err.count("\n")) == (2, "", 1)
     assert result.err.startswith("fbench: --device cuda: ")
-    assert "pip install 'fbench[cuda]'" in result.err
+    assert "pip install 'onnxruntime-gpu[cuda,cudnn]==" in result.err
     assert not [path for path in tmp_path.glob("new*") if path.is_file() or any(path.iterdir())]
 
 

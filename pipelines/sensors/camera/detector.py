@@ -11,6 +11,7 @@ import numpy as np
 from fbench.pipelines.models.weights import AUTO, Weights, resolve
 from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Candidates, Size
 from fbench.pipelines.sensors.camera.model import Batch, Model
+from fbench.pipelines.sensors.camera.providers import INSTALL_LIBRARIES
 from fbench.pipelines.sensors.rows import suppress
 from fbench.replay.contracts.devices import use_device
 from fbench.replay.contracts.errors import ConfigError, ModelError
@@ -214,7 +215,7 @@ def require_cuda() -> None:
         with use_device("cuda"):
             Model(CITY_WEIGHTS, 1, None)
     except ModelError as error:
-        raise ConfigError(f"--device cuda: a network can't run on the GPU: {error}") from error
+        raise ConfigError(f"--device cuda: networks can't run on the GPU ({error}); {INSTALL_LIBRARIES}") from error
 
 
 def use_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str, CameraParams]:

@@ -21,10 +21,9 @@ CUDA_OPTIONS: Mapping[str, str] = {
     "cudnn_conv_algo_search": "DEFAULT",  # The others time algorithms, or guess; what wins may differ each time
     "do_copy_in_default_stream": "1",
 }
-_INSTALL = (
-    "pip install 'fbench[cuda]', then pip uninstall onnxruntime onnxruntime-gpu, then pip install --no-deps "
-    f"onnxruntime-gpu=={onnxruntime.__version__} (see docs/learned.md)"
-)
+_PACKAGE = f"onnxruntime-gpu[cuda,cudnn]=={onnxruntime.__version__}"
+INSTALL_LIBRARIES = f"pip install '{_PACKAGE}' brings NVIDIA's libraries"
+_INSTALL = f"pip uninstall onnxruntime onnxruntime-gpu, then pip install '{_PACKAGE}' (see docs/learned.md)"
 _FATAL = 4  # Of its levels of logging
 
 
@@ -43,7 +42,7 @@ def open_session(data: bytes, options: Any) -> Any:
     session = onnxruntime.InferenceSession(data, options, providers=providers, enable_fallback=0)
     used = session.get_providers()
     if len(providers) > 1 and used[:1] != [CUDA]:  # it goes on with the CPU
-        raise ConfigError(f"--device cuda: onnxruntime can't load its CUDA provider ({lines}); {_INSTALL}")
+        raise ConfigError(f"--device cuda: onnxruntime can't load its CUDA provider ({lines}); {INSTALL_LIBRARIES}")
     note_provider(used[0])
     return session
 
