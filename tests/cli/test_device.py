@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from tests.cuda import HAS_CUDA, needs_cuda
 
-from fbench.api import CityRequest, LogRequest, ReplayRequest, SimulateRequest, replay, simulate
+from fbench.api import CityRequest, LogRequest, ReplayRequest, SimulateRequest, replay, replays, simulate
 from fbench.api.suites.contents import Contents, key_of
+from fbench.api.suites.run import run_suite
+from fbench.api.suites.runner import RunOptions
 from fbench.pipelines.sensors.camera import providers
 from fbench.pipelines.sensors.camera.providers import CPU, CUDA, open_session
 from fbench.replay.contracts.devices import current_execution, note_provider, use_device
@@ -19,7 +21,24 @@ from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.runs import host, manifest
 
 CARD = {"card": "Card 9000", "driver": "13.0"}
-LEARNED = ("-p", "learned3d", "--set", "network.threads=1")
+PLUGIN = """
+from fbench.replay.contracts.devices import current_execution, note_provider
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
+
+class Mine:
+    def __init__(self):
+        self.made_on = current_execution().device
+    def start(self, rig, log_info):
+        note_provider(f"mine on {current_execution().device}")
+    def reset(self, reason): pass
+    def step(self, frame): return self.conclude(frame, self.observe(frame))
+    def pass_by(self, frame): pass
+    def observe(self, frame): return self.made_on, current_execution().device
+    def conclude(self, frame, observed):
+        assert observed == ("cuda", "cuda")
+        return Output(Boxes3D.empty(), None, {})
+"""
 SUITE = 'version = 1\nlogs = ["car.mcap"]\npipelines = ["lidar3d"]\n'
 
 
@@ -46,13 +65,7 @@ def test_no_other_device_is_known(log):
 
 
 @pytest.mark.parametrize(
-    ("more", "provider"),
-    [
-        ((*LEARNED,), CPU),
-        ((*LEARNED, "--isolate"), CPU),
-        ((*LEARNED, "--overlap", "2"), CPU),
-        (("-p", "lidar3d"), None),
-    ],
+    ("more", "provider"), [(("-p", "learned3d", "--set", "network.threads=1"), CPU), (("-p", "lidar3d"), None)]
 )
 def test_the_manifest_says_where_networks_ran(fbench, log, tmp_path, more, provider):
     assert fbench("replay", log, *more, "--frames", ":1", "-o", "run").code == 0
@@ -60,6 +73,24 @@ def test_the_manifest_says_where_networks_ran(fbench, log, tmp_path, more, provi
     level = "equal bytes on one type of machine, with equal versions"
     assert found == {"device": "cpu", "provider": provider, "determinism": level}
     assert "device" not in json.loads((tmp_path / "run" / "host.json").read_text())
+
+
+@pytest.mark.parametrize("more", [{}, {"isolate": True}, {"overlap": 2}])
+def test_a_plug_in_learns_the_device_in_every_process(log, tmp_path, monkeypatch, more):
+    monkeypatch.setattr(replays, "require_device", lambda device: None)
+    (tmp_path / "mine.py").write_text(PLUGIN)
+    request = ReplayRequest(LogRequest(log), f"{tmp_path}/mine.py:Mine", out=tmp_path / "run", device="cuda", **more)
+    run = replay(request).run
+    assert [frame.failed for frame in run.frames] == [None] * 6
+    assert (run.manifest.execution.device, run.manifest.execution.provider) == ("cuda", "mine on cuda")
+
+
+@pytest.mark.skipif(HAS_CUDA, reason="there is a GPU that would be used")
+def test_a_worker_of_a_suite_refuses_what_its_machine_lacks(log, tmp_path):
+    """It may be on another machine than who asks."""
+    cell = ReplayRequest(LogRequest(log), "lidar3d", out=tmp_path / "run", device="cuda")
+    (result,) = run_suite([cell], RunOptions(1))
+    assert (result.state, str(result.reason)[:15]) == ("failed", "--device cuda: ")
 
 
 class _Runtime:
