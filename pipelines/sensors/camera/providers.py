@@ -49,8 +49,13 @@ def open_session(data: bytes, options: Any) -> Any:
     return session
 
 
+def has_cuda() -> bool:
+    """Tell whether the onnxruntime that is installed has a CUDA provider; whether that works, only a network tells."""
+    return CUDA in onnxruntime.get_available_providers()
+
+
 def _require_cuda() -> None:
-    if CUDA not in onnxruntime.get_available_providers():
+    if not has_cuda():
         try:
             found = f"onnxruntime was installed over onnxruntime-gpu {version('onnxruntime-gpu')}, and hides it"
         except PackageNotFoundError:
