@@ -21,7 +21,7 @@ from fbench.pipelines.sensors.radar.stage import Compensated
 from fbench.pipelines.variants.early_late import Early2D, Early2DParams
 from fbench.replay.contracts.errors import ConfigError, LogError, ModelError
 from fbench.replay.contracts.params import StageClock
-from fbench.replay.contracts.settings import apply_settings
+from fbench.replay.contracts.settings import apply_settings, describe_file
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import encode_jpeg
@@ -175,8 +175,7 @@ def test_weights_of_simulated_logs(pixels: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(RgbdParams, "builtin", pixels)
     city = Early2D(Early2DParams(detector="rgbd"))
     city.start(RIG, LogInfo("city", "id", {SIMULATED: "1"}))
-    assert city.identity().keys() == {"rgbd.weights"}
-    assert city.identity()["rgbd.weights"]["file"] == "pixels.onnx"
+    assert dict(city.identity()) == {"rgbd.weights": describe_file(pixels)}
     assert pipeline(pixels, log=LogInfo("city", "id", {SIMULATED: "1"})).identity() == {}, "a parameter names it"
     assert Early2D().identity() == {}
 

@@ -22,9 +22,9 @@ def seen(lidar=(), radar=(), focal_px=320.0) -> ImagePoints:
 def lit(channel: np.ndarray) -> tuple[int, int, int, int]:
     """First and last column, first and last row of what is drawn; it fills the rectangle between."""
     rows, columns = np.nonzero(channel)
-    box = columns.min(), columns.max(), rows.min(), rows.max()
-    assert len(rows) == (box[1] - box[0] + 1) * (box[3] - box[2] + 1)
-    return tuple(int(side) for side in box)
+    left, right, top, bottom = (int(side) for side in (columns.min(), columns.max(), rows.min(), rows.max()))
+    assert len(rows) == (right - left + 1) * (bottom - top + 1)
+    return left, right, top, bottom
 
 
 def test_a_lidar_point_fills_its_pixel_and_those_around():
