@@ -56,3 +56,22 @@ def test_a_trained_file_is_a_detector(fbench, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.onnx", "logs"]
     replayed = fbench("replay", str(log), "-p", "camera2d", "--set", f"camera.weights={out}", "-o", str(tmp_path / "r"))
     assert replayed.code == 0, replayed.err
+
+
+@with_torch
+@pytest.mark.slow
+def test_networks_for_points_are_trained_from_logs(fbench, tmp_path):
+    log = tmp_path / "logs" / "a.mcap"
+    log.parent.mkdir()
+    made = ("log", "simulate", "urban", "--seconds", "0.2", "--sensors", "camera,lidar,radar", "-o", str(log))
+    assert fbench(*made).code == 0
+    for model, used in (
+        ("rgbd", ("-p", "early2d", "--set", "detector=rgbd", "--set")), ("learned3d", ("-p", "learned3d", "--set")),
+    ):  # fmt: skip
+        out = tmp_path / f"{model}.onnx"
+        train = ("weights", "train", str(log.parent), "--model", model, "-o", str(out), "--steps", "12")
+        result = fbench(*train, "--threads", "1")
+        assert result.code == 0, result.err
+        name = "rgbd.weights" if model == "rgbd" else "network.weights"
+        replayed = fbench("replay", str(log), *used, f"{name}={out}", "-o", str(tmp_path / model))
+        assert replayed.code == 0, replayed.err

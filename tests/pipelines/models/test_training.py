@@ -86,7 +86,7 @@ def test_a_checkpoint_of_something_else_is_refused(made, tmp_path):
 
 def test_it_learns(made, tmp_path):
     losses: list[float] = []
-    settings = replace(SHORT, steps=60, crops=6, learning_rate=4e-3)
+    settings = replace(SHORT, steps=120, crops=6, learning_rate=4e-3)
     Training(made, settings).run(tmp_path / "a.pt", lambda step, loss: losses.append(loss))
     assert np.mean(losses[-10:]) < 0.8 * np.mean(losses[:10])
 

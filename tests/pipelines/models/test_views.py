@@ -1,10 +1,28 @@
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
-from fbench.pipelines.models.samples import INPUT_WH, Batcher, Sample, TrainingSettings, View, crop, whole
+from fbench.pipelines.models.samples import (
+    CLASSES,
+    INPUT_WH,
+    Batcher,
+    RgbdSettings,
+    Sample,
+    TrainingSettings,
+    View,
+    add_channels,
+    crop,
+    make_ahead,
+    rarity,
+    whole,
+)
+from fbench.pipelines.sensors.camera.channels import ImagePoints
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image
 
+EVEN = np.ones(len(CLASSES))
 GREEN = np.array([0, 255, 0], np.uint8)
 
 
@@ -29,7 +47,7 @@ def outline(view: View) -> np.ndarray:
 def test_boxes_move_with_what_they_show(seed):
     draw = np.random.default_rng(seed)
     sample, pixels = made((300, 250, 420, 330))
-    view = crop(sample, pixels, (320, 256), float(draw.uniform(0.4, 1.3)), draw)
+    view = crop(sample, pixels, (320, 256), float(draw.uniform(0.4, 1.3)), EVEN, draw)
     assert view.pixels.shape == (256, 320, 3)
     if (view.class_id == 0).any():
         np.testing.assert_allclose(outline(view), view.xyxy[0], atol=1.6)
@@ -52,7 +70,7 @@ def test_wide_images_get_a_grey_border():
 def test_what_is_mostly_cut_away_is_ignored_and_what_is_outside_is_gone():
     sample, pixels = made((0, 0, 100, 100), (700, 500, 800, 600))
     for seed in range(40):
-        view = crop(sample, pixels, (320, 256), 2.0, np.random.default_rng(seed))
+        view = crop(sample, pixels, (320, 256), 2.0, EVEN, np.random.default_rng(seed))
         sides = (view.xyxy[:, 2:] - view.xyxy[:, :2]).prod(axis=1)
         assert (sides > 0).all()
         assert ((sides >= 0.35 * 200 * 200) == (view.class_id == 0)).all()
@@ -74,3 +92,72 @@ def test_another_seed_shows_other_views():
     sample, _ = made((300, 250, 420, 330))
     views = [Batcher([sample], TrainingSettings(seed=seed, crops=1)).batch(1)[0] for seed in (1, 2)]
     assert (views[0].pixels != views[1].pixels).any()
+
+
+def test_rare_classes_are_drawn_more_often_by_the_root_of_how_rare_they_are():
+    common, _ = made((300, 250, 420, 330))
+    rare = replace(common, class_id=np.array([3]))
+    samples = [common] * 15 + [rare]
+    assert rarity(samples, 0.25).tolist() == [1, 2, 2, 2, 2, 2, 2], "one in 16 or none shows it: sqrt(4)"
+    batcher = Batcher(samples, TrainingSettings(crops=8, common=0.25))
+    shown = [view.class_id.tolist() for step in range(1, 200, 5) for view in batcher.batch(step)]
+    share = sum(3 in ids for ids in shown) / sum(bool(ids) for ids in shown)
+    assert 1.5 / 17 < share < 2.7 / 17, "twice as often as others: 2 of 17"
+
+
+def with_points() -> tuple[Sample, np.ndarray]:
+    """LiDAR points along the outline of an object, and an echo in its middle."""
+    sample, pixels = made((300, 250, 420, 330))
+    u, v = np.meshgrid([300.5, 360.0, 419.5], [250.5, 290.0, 329.5])
+    lidar = np.column_stack([u.ravel(), v.ravel(), np.full(9, 10.0)]).astype(np.float32)
+    echo = np.array([[360.0, 290.0, 10.0, 5.0]], np.float32)
+    return replace(sample, points=ImagePoints(lidar, echo, 400.0)), pixels
+
+
+WHOLE = RgbdSettings(without_points=0, without_lidar=0, without_radar=0, without_image=0, thinned=0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_points_move_with_what_they_show(seed):
+    draw = np.random.default_rng(seed)
+    sample, pixels = with_points()
+    view = crop(sample, pixels, (320, 256), float(draw.uniform(0.5, 1.2)), EVEN, draw)
+    if len(view.xyxy) and (view.xyxy[0] > 3).all() and (view.xyxy[0] < (317, 253, 317, 253)).all():
+        drawn = add_channels(view, WHOLE, draw).pixels
+        assert drawn.shape == (256, 320, 5)
+        v, u = np.nonzero(drawn[..., 3])
+        np.testing.assert_allclose([u.min(), v.min(), u.max() + 1, v.max() + 1], view.xyxy[0], atol=2.5)
+        assert drawn[..., 4].max() == 160, "5 of 20 m/s: 128 + 127 / 4"
+
+
+def test_what_is_larger_in_the_view_is_drawn_nearer():
+    sample, pixels = with_points()
+    near, far = (
+        add_channels(crop(sample, pixels, (640, 512), scale, EVEN, np.random.default_rng(5)), WHOLE,
+                     np.random.default_rng(0)).pixels[..., 3].max()
+        for scale in (1.0, 0.5)
+    )  # fmt: skip
+    step = 254 / np.log(120 / 1.5)
+    assert int(near) - int(far) == pytest.approx(step * np.log(2), abs=1)
+
+
+@pytest.mark.parametrize(("name", "is_gone"), [
+    ("without_points", (False, True, True)), ("without_lidar", (False, False, False)),
+    ("without_radar", (False, False, True)), ("without_image", (True, False, False)),
+])  # fmt: skip
+def test_what_is_missing_is_blank(name, is_gone):
+    sample, pixels = with_points()
+    view = whole(sample, pixels, INPUT_WH, np.random.default_rng(1))
+    drawn = add_channels(view, replace(WHOLE, **{name: 1.0}), np.random.default_rng(0)).pixels
+    full = add_channels(view, WHOLE, np.random.default_rng(0)).pixels
+    assert (drawn[..., :3] == 114).all() == is_gone[0]
+    assert [not drawn[..., channel].any() for channel in (3, 4)] == list(is_gone[1:])
+    if name == "without_lidar":
+        assert 0 < np.count_nonzero(drawn[..., 3]) < np.count_nonzero(full[..., 3]), "the echo's depth is left"
+
+
+def test_what_is_made_ahead_comes_in_order():
+    def parts(step):
+        return (partial(lambda a, b: (a, b), step, place) for place in range(3))
+
+    assert list(make_ahead(parts, range(2, 9), 4)) == [[(step, place) for place in range(3)] for step in range(2, 9)]
