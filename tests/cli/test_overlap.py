@@ -170,7 +170,7 @@ def test_every_pipeline_on_the_city(fbench, tmp_path, pipeline: str) -> None:
     more = ["--condition", "fog:3+dropout.lidar:1+extrinsic:2", "--detect-every", "2"]
     if pipeline == RGBD:
         (tmp_path / "pixels.onnx").write_bytes(encode_pixels((160, 120), side_px=12.0))
-        more += ["--set", "detector=rgbd", "--set", "rgbd.weights=pixels.onnx"]
+        more += ["--set", "detector=rgbd", "--set", f"rgbd.weights={tmp_path / 'pixels.onnx'}"]
     code, plain, overlapped = replay_both(fbench, tmp_path / "city.mcap", pipeline.partition(" ")[0], *more)
     assert code in (0, 4), "as frames are missing, results aren't complete"
     assert plain == overlapped
