@@ -20,7 +20,7 @@ from fbench.replay.setup.request import ReplayRequest
 
 MOST_REPEATS = 1000
 _FEWEST_FRAMES = 5
-_HOST = ("cpu", "cores", "platform", "governor", "threads", "omp_threads", "numba_threads", "reference_ms")
+_HOST = ("cpu", "cores", "platform", "governor", "threads", "omp_threads", "numba_threads", "reference_ms", "card")
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 import json
 import re
 import time
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from fbench.api.runs import OpenRun
 from fbench.api.scores import IN_LOCKSTEP, score_folder
 from fbench.replay.conditions.effects import Effects
+from fbench.replay.contracts.devices import Device, check_device, use_device
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
@@ -28,7 +29,7 @@ from fbench.replay.engine.service_queue import MEASURED
 from fbench.replay.engine.shared import SharedLogs, SharedReader
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.host import EnergyMeter, describe_host, measure_reference_ms, peak_memory_mib
-from fbench.replay.runs.manifest import VariantEntry
+from fbench.replay.runs.manifest import VariantEntry, execution_entry
 from fbench.replay.runs.redaction import public_name, public_pipeline
 from fbench.replay.runs.secrets import without_secrets
 from fbench.replay.setup.request import ReplayOptions, ReplayRequest
@@ -62,6 +63,7 @@ def verify(
     from fbench.replay.check.verify import verify_in, workplace
 
     _resolve(request)  # so that a wrong option is found before any process starts
+    require_device(request.device)
     if request.latency == MEASURED:
         raise ConfigError("--latency measured: differs from replay to replay; give a time, such as fixed:80ms")
     with workplace(keep) as folder:
@@ -111,6 +113,8 @@ def replay(
         host = {**machine, "rate": rate, "wall_s": round(time.monotonic() - start, 3), **energy.describe_use()}
         host |= {"peak_memory_mib": round(peak_memory_mib(), 1), "reference_ms": round(measure_reference_ms(), 3)}
         host |= {"isolated": True} if request.isolate else {}
+        host |= {"device": request.device} if request.device != "cpu" else {}
+        host |= {"card": card} if (card := execution_entry().cuda.get("card")) else {}
         host |= {"overlap": 1 if plan.overlap is None else plan.overlap.num, "frames_per_s": speed.frames_per_s}
         replace_text(folder / "host.json", json.dumps({**host, **_describe_pace(clock.pace)}, indent=1) + "\n")
         if not request.redact:
@@ -197,17 +201,30 @@ def _open_reader(
     return nullcontext(SharedReader(shared, key, options.log.open, *how))
 
 
-def open_requested(
-    request: ReplayRequest, settings: list[str]
-) -> AbstractContextManager[tuple[Pipeline, dict[str, object]]]:
-    """Return the context of a request's pipeline with its parameters, in a process of its own where that is requested;
-    the program of `exec` has one anyway.
+@contextmanager
+def open_requested(request: ReplayRequest, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
+    """Open a request's pipeline with its parameters, in a process of its own where that is requested; the program of
+    `exec` has one anyway. What it loads in the `with` block runs on the request's device; see `require_device`.
     """
-    if not request.isolate or parse_name(request.pipeline).plugin == "exec":
-        return open_pipeline(request.pipeline, settings)
-    from fbench.pipelines.external.isolated import open_isolated
+    require_device(request.device)
+    with use_device(request.device):
+        if not request.isolate or parse_name(request.pipeline).plugin == "exec":
+            opened = open_pipeline(request.pipeline, settings)
+        else:
+            from fbench.pipelines.external.isolated import open_isolated
 
-    return open_isolated(request.pipeline, settings, request.frame_timeout_s)
+            opened = open_isolated(request.pipeline, settings, request.frame_timeout_s)
+        with opened as found:
+            yield found
+
+
+def require_device(device: Device) -> None:
+    """Try whether networks run on a device. Raises ConfigError where they don't: why, and what to install."""
+    check_device(device)
+    if device == "cuda":
+        from fbench.pipelines.sensors.camera.detector import require_cuda
+
+        require_cuda()
 
 
 def make_plan(options: ReplayOptions, pipeline: Pipeline, name: str, parameters: Mapping[str, Any]) -> Plan:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from fbench.api.replays import short_name
+from fbench.api.replays import require_device, short_name
 from fbench.api.suites.cells import CellResult
 from fbench.api.suites.suite import SuiteCell
 from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
@@ -130,6 +130,7 @@ class RobustSuite:
                 raise ConfigError(f"two logs are called '{log.stem}'; rename one, results are listed by name")
         for request in self.requests:
             request.resolve()  # so that a wrong option is found before anything runs
+            require_device(request.device)
             yield self._cell(request, CLEAR, "")
             for condition, severity, text in self._texts(request):
                 yield self._cell(replace(request, condition=text), condition, severity)

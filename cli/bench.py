@@ -53,6 +53,7 @@ def run(
         Path | None, Option("--out", "-o", help="Folder for runs and tables (default: runs/NAME).", show_default=False)
     ] = None,
     jobs: options.Jobs = None,
+    device: options.Device = "cpu",
     scheduler: Annotated[
         str, Option(metavar="ADDRESS", help="Dask scheduler whose workers run the cells, such as tcp://host:8786.")
     ] = "",
@@ -67,7 +68,7 @@ def run(
     """Run the cells of a suite whose runs aren't there, and print what they gave."""
     from fbench.api.suites.bench import BenchRequest, run_bench
 
-    request = BenchRequest(suite, out, jobs, scheduler, store, leave_one_out)
+    request = BenchRequest(suite, out, jobs, scheduler, store, device, leave_one_out)
     table = SuiteProgress()
     try:
         with import_progress(1) as simulated:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from fbench.api.suites.suite import SuitePipeline
     from fbench.cli.experiment import Done, Experiment
     from fbench.datasets.city.request import Split
+    from fbench.replay.contracts.devices import Device
     from fbench.replay.data.scores import Results
 
 
@@ -48,13 +49,14 @@ def demo(
         ),
     ] = None,
     jobs: options.Jobs = None,
+    device: options.Device = "cpu",
 ) -> None:
     """Simulate drives through a city in clear and bad weather, replay each into many pipelines, and compare.
 
     Logs and runs that exist already aren't made again.
     """
     what = make_experiment(out, split, seconds, num_seeds, sensors or ())
-    raise typer.Exit(run_experiment(what, jobs or len(os.sched_getaffinity(0))))
+    raise typer.Exit(run_experiment(what, jobs or len(os.sched_getaffinity(0)), device))
 
 
 def make_experiment(
@@ -135,16 +137,18 @@ def _fit(row: "SuitePipeline", absent: set[str]) -> "SuitePipeline":
     return replace(row, settings=settings, sensors=tuple(name for name in row.sensors if name not in absent))
 
 
-def run_experiment(what: "Experiment", num_jobs: int) -> int:
+def run_experiment(what: "Experiment", num_jobs: int, device: "Device" = "cpu") -> int:
     """Simulate, replay and score what isn't there; print and write the results; return the exit code. Raises
-    ConfigError where the folder can't be written.
+    ConfigError where the folder can't be written, or the device can't be used.
     """
+    from fbench.api.replays import require_device
     from fbench.api.suites.logs import simulate
     from fbench.api.suites.run import run_suite
     from fbench.api.suites.runner import RunOptions
     from fbench.cli.experiment import is_lossy, results_of
     from fbench.datasets.importing.run import claim
 
+    require_device(device)
     try:
         what.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -163,7 +167,9 @@ def run_experiment(what: "Experiment", num_jobs: int) -> int:
             say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
             cells = what.cells()
             with replay_progress("replays") as progress_of_replays:
-                found = run_suite([cell.request for cell in cells], RunOptions(num_jobs), progress_of_replays)
+                found = run_suite(
+                    [replace(cell.request, device=device) for cell in cells], RunOptions(num_jobs), progress_of_replays
+                )
             of = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
             total = f"{of['there'] + of['replayed']} of {len(found) - of['unfit']}"
             say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
@@ -123,6 +123,9 @@ PipelineOrFile = Annotated[
         help="A name (see fbench plugins), FILE.py:CLASS, FILE.toml, recorded:TOPIC or 'exec:COMMAND'.",
     ),
 ]  # fmt: skip
+Device = Annotated[
+    Literal["cpu", "cuda"], Option(help="Where networks run; 'cuda' is an NVIDIA GPU, see docs/learned.md.")
+]
 Isolate = Annotated[
     bool, Option("--isolate", help="Run the pipeline in a process of its own, so that a crash costs only a frame.")
 ]

@@ -25,6 +25,7 @@ def profile(
     frames: options.Frames = None,
     condition: options.Condition = "",
     seed: options.Seed = 0,
+    device: options.Device = "cpu",
     isolate: options.Isolate = False,
     out: Annotated[Path, Option("--out", "-o", help="The file.")] = Path("profile.json"),
     overwrite: options.Overwrite = False,
@@ -39,7 +40,8 @@ def profile(
     request = ReplayRequest(
         LogRequest(log, config, rig or (), decoder=decoder or ()), choose_pipeline(pipeline, None),
         settings=settings or (), detect_every=detect_every, sensors=sensors or (), from_=from_, to=to, frames=frames,
-        condition=condition, seed=seed, out=out, overwrite=overwrite, on_fault="tolerant", isolate=isolate,
+        condition=condition, seed=seed, out=out, overwrite=overwrite, on_fault="tolerant", device=device,
+        isolate=isolate,
     )  # fmt: skip
     what = ProfileRequest(request, repeat)
     with replay_progress(f"{log.name} → {request.pipeline}") as progress, plugin_output():

@@ -63,6 +63,7 @@ def replay(
     no_media: options.NoMedia = False,
     redact: options.Redact = False,
     report: Annotated[bool, Option("--report", help="Also write report.html into the run folder.")] = False,
+    device: options.Device = "cpu",
     isolate: options.Isolate = False,
     frame_timeout_s: options.FrameTimeoutS = 10.0,
     json: options.Json = False,
@@ -113,6 +114,7 @@ def replay(
         no_media=no_media,
         redact=redact,
         report=report,
+        device=device,
         isolate=isolate,
         frame_timeout_s=frame_timeout_s,
     )

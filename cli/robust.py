@@ -63,6 +63,7 @@ def robust(
     iou: options.Iou = 0.5,
     out: Annotated[Path, Option("--out", "-o", help="Folder for runs, tables and the report.")] = Path("runs/robust"),
     jobs: options.Jobs = None,
+    device: options.Device = "cpu",
     json: options.Json = False,
 ) -> None:
     """Replay logs under conditions, and print what each costs each pipeline.
@@ -86,7 +87,7 @@ def robust(
         ReplayRequest(
             LogRequest(log, config, rig or (), boxes, decoder=decoder or ()), name, settings=own_settings[name],
             sensors=sensors or (), from_=from_, to=to, frames=frames, interpolate_truth_ms=interpolate_truth_ms,
-            seed=seed, on_fault="tolerant", scoring=ScoreOptions(range_m, in_view, distance_m, iou),
+            seed=seed, device=device, on_fault="tolerant", scoring=ScoreOptions(range_m, in_view, distance_m, iou),
         )
         for log in logs for name in dict.fromkeys(names)
     ]  # fmt: skip

@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -148,7 +149,15 @@ def _status(run: Run) -> list[str]:
         late = f"p99 late {host['p99_late_ms']:.1f} ms, max {host['max_late_ms']:.1f} ms"
         late += f", drift {host['drift_ms_per_min']:.2f} ms a minute" if "drift_ms_per_min" in host else ""
         lines.append(f"pace: asked {host['rate']}x, achieved {achieved}, {late}")
+    lines += _describe_device(run, host)
     return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
+
+
+def _describe_device(run: Run, host: Mapping[str, object]) -> list[str]:
+    if host.get("device", "cpu") == "cpu":
+        return []
+    is_used = run.manifest.execution.device != "cpu"
+    return [f"device: {run.manifest.execution if is_used else 'cpu, as the pipeline runs no network of its own'}"]
 
 
 def require_coverage(run: Run, min_coverage: float, code: int) -> int:

@@ -37,6 +37,7 @@ def sweep(
     frames: options.Frames = None,
     condition: options.Condition = "",
     seed: options.Seed = 0,
+    device: options.Device = "cpu",
     out: Annotated[Path, Option("--out", "-o", help="Folder of the runs and of sweep.json.")] = Path("runs/sweep"),
     overwrite: options.Overwrite = False,
     json: options.Json = False,
@@ -53,7 +54,7 @@ def sweep(
         LogRequest(log, config, rig or (), boxes, results, decoder=decoder or ()), choose_pipeline(pipeline, results),
         settings=settings or (), sensors=sensors or (), from_=from_, to=to, frames=frames, condition=condition,
         seed=seed, out=out, overwrite=overwrite, on_fault="tolerant", no_media=True, latency=latency, overload=overload,
-        budget_ms=budget_ms,
+        budget_ms=budget_ms, device=device,
     )  # fmt: skip
     what = SweepRequest(request, [rate.strip() for rate in rates.split(",")])
     with replay_progress(f"{log.name} → {request.pipeline}") as progress:

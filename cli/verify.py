@@ -54,6 +54,7 @@ def verify(
     sensors: options.Sensors = None,
     offset: options.Offset = None,
     stamps: options.Stamps = None,
+    device: options.Device = "cpu",
     isolate: options.Isolate = False,
     frame_timeout_s: options.FrameTimeoutS = 10.0,
     condition: options.Condition = "",
@@ -86,6 +87,7 @@ def verify(
         from_=from_,
         to=to,
         frames=frames,
+        device=device,
         isolate=isolate,
         frame_timeout_s=frame_timeout_s,
         condition=condition,
@@ -106,6 +108,7 @@ def verify(
         print_json({**content, "stages": dict(found.digests), "variants": rows})
     else:
         _print(found)
+        say(*([f"device: {device}"] if device != "cpu" else []))
     raise typer.Exit(EXIT_OK if found.identical else EXIT_NO)
 
 

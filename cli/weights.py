@@ -107,6 +107,7 @@ def compare(
     frames: options.Frames = None,
     condition: options.Condition = "",
     seed: options.Seed = 0,
+    device: options.Device = "cpu",
     out: Annotated[Path, Option("--out", "-o", help="Folder of the runs, weights.json and report.html.")] = Path(
         "runs/weights"
     ),
@@ -122,7 +123,7 @@ def compare(
     request = ReplayRequest(
         LogRequest(log, config, rig or (), boxes, decoder=decoder or ()), "camera2d", settings=settings or (),
         sensors=sensors or (), from_=from_, to=to, frames=frames, condition=condition, seed=seed, out=out,
-        overwrite=overwrite, on_fault="tolerant", no_media=True,
+        overwrite=overwrite, on_fault="tolerant", no_media=True, device=device,
     )  # fmt: skip
     what = DetectorRequest(request, weights, min_score)
     with replay_progress(f"{log.name} → camera2d") as progress:

@@ -3,15 +3,17 @@
 import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from fbench.api.replays import require_device
 from fbench.api.suites.cells import CELLS, SCORES, CellResult
 from fbench.api.suites.logs import simulate
 from fbench.api.suites.store import fetch_log, put_log
 from fbench.api.suites.tables import write_tables
 from fbench.datasets.importing.run import claim
+from fbench.replay.contracts.devices import Device, check_device
 from fbench.replay.contracts.errors import RunError, output_error
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Results
@@ -41,6 +43,8 @@ class BenchRequest:
     """Address of a Dask scheduler; empty: processes on this machine."""
     store: str = ""
     """Folder or URL that keeps run folders by their content; empty: none."""
+    device: Device = "cpu"
+    """What runs networks; on a cluster, its workers need it."""
     leave_one_out: bool = False
     """Also each pipeline without each of its sensors."""
 
@@ -118,6 +122,10 @@ def run_bench(
     from fbench.api.suites.runner import RunOptions
 
     suite = read_suite(request.suite, request.out)
+    suite = replace(suite, options=replace(suite.options, device=request.device))
+    check_device(request.device)
+    if not request.scheduler:
+        require_device(request.device)
     make_folder(suite.folder)
     with claim(suite.folder / "bench", waits):
         list(simulate([log.drive for log in suite.logs if log.drive is not None], simulated))

@@ -18,7 +18,7 @@ from fbench.replay.contracts.variants import SUFFIX, sensors_of
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.service_queue import MEASURED, PROFILE
 from fbench.replay.formats.text import digest_of
-from fbench.replay.runs.host import describe_host
+from fbench.replay.runs.host import describe_cuda, describe_host
 from fbench.replay.runs.manifest import package_versions
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import log_source
@@ -69,6 +69,7 @@ class Contents:
             "options": options,
             "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
             "media": not cell.no_media,
+            **({} if cell.device == "cpu" else {"cuda": dict(describe_cuda())}),
             **self._around,
         }
 

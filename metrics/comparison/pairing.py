@@ -29,10 +29,13 @@ def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
         ("frames", base.num_frames, head.num_frames),
         ("conditions", _conditions(base), _conditions(head)),
         ("latency", str(base.latency or "none"), str(head.latency or "none")),
+        ("networks", str(base.execution), str(head.execution)),
         *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
         *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
     ]
     notes = [f"{what}: {a} -> {b}" for what, a, b in changes if a != b]
+    if base.execution.cuda != head.execution.cuda:
+        notes.append("networks on different devices agree within tolerances, not bit for bit; see docs/determinism.md")
     partial = [f"{name} is incomplete" for name, run in (("base", base), ("head", head)) if not run.complete]
     return (*notes, *partial)
 

@@ -1,7 +1,7 @@
-"""A Python plug-in as a program: `python -m fbench.pipelines.external.host NAME [SETTING ...]`, run by `Isolated`.
+"""A Python plug-in as a program: `python -m fbench.pipelines.external.host DEVICE NAME [SETTING ...]`.
 
-It speaks the protocol of `exec` over pipes that the plug-in doesn't have as stdin and stdout. Whatever the plug-in
-raises is an error in the response, made into one line here.
+`Isolated` runs it. It speaks the protocol of `exec` over pipes that the plug-in doesn't have as stdin and stdout.
+Whatever the plug-in raises is an error in the response, made into one line here.
 """
 
 import ctypes
@@ -19,6 +19,7 @@ import numpy as np
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.pipelines.external.messages import COLUMNS, KINDS, VERSION, WIRE
 from fbench.pipelines.external.session import LENGTH
+from fbench.replay.contracts.devices import current_execution, use_device
 from fbench.replay.contracts.errors import FbenchError, MissingPackageError, one_line
 from fbench.replay.contracts.plugins import make_pipeline
 from fbench.replay.contracts.protocols import Closes, NeedsSensors, TellsIdentity, Tracks, UsesLog
@@ -41,7 +42,7 @@ class Host:
         self._check: OutputCheck | None = None
         self._answers: Mapping[str, Callable[[], object]] = {
             "made": self._make, "identity": self._identify, "required_sensors": self._require_sensors,
-            "is_tracker": self._is_tracker, "close": self._close,
+            "is_tracker": self._is_tracker, "close": self._close, "providers": lambda: current_execution().providers,
         }  # fmt: skip
 
     def respond(self, request: schema.Request) -> schema.Response:
@@ -183,11 +184,12 @@ def main() -> None:
     """Answer requests until stdin is closed."""
     requests, responses = _take_pipes()
     _be_expendable()
-    host = Host(sys.argv[1], sys.argv[2:])
-    while (data := _read(requests)) is not None:
-        response = host.respond(schema.Request.FromString(data)).SerializeToString()
-        responses.write(LENGTH.pack(len(response)) + response)
-        responses.flush()
+    host = Host(sys.argv[2], sys.argv[3:])
+    with use_device("cuda" if sys.argv[1] == "cuda" else "cpu"):
+        while (data := _read(requests)) is not None:
+            response = host.respond(schema.Request.FromString(data)).SerializeToString()
+            responses.write(LENGTH.pack(len(response)) + response)
+            responses.flush()
     sys.stderr.flush()
     os._exit(0)  # whatever threads and exit handlers the plug-in has
 

@@ -12,6 +12,7 @@ from fbench.pipelines.external.messages import ProtocolError
 from fbench.pipelines.external.process import Command, ProgramError
 from fbench.pipelines.external.session import Session, require
 from fbench.replay.contracts import errors
+from fbench.replay.contracts.devices import current_execution, note_provider
 from fbench.replay.contracts.errors import ConfigError, ReportedError, one_line
 from fbench.replay.contracts.plugins import CLOSE_TIMEOUT_S, close_at_end
 from fbench.replay.contracts.protocols import Pipeline
@@ -34,7 +35,7 @@ class Isolated:
     """
 
     def __init__(self, name: str, settings: list[str], frame_timeout_s: float) -> None:
-        words = [sys.executable, "-P", "-m", _HOST, name, *settings]
+        words = [sys.executable, "-P", "-m", _HOST, current_execution().device, name, *settings]
         self._session = Session(Command(sys.executable, words, name, is_own=True), _MAX_RESPONSE_BYTES)
         self._frame_timeout_s, self._first_timeout_s = frame_timeout_s, frame_timeout_s + _START_TIMEOUT_S
         try:
@@ -55,6 +56,8 @@ class Isolated:
         """Start the plug-in, or tell it of another rig."""
         self._hello = messages.hello(rig, log_info)
         self._request("ready", _START_TIMEOUT_S, hello=self._hello)
+        for provider in self._ask("providers", self._frame_timeout_s):
+            note_provider(str(provider))
 
     def reset(self, reason: str) -> None:
         """Have the plug-in forget all tracks; one whose process was lost has none."""

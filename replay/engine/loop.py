@@ -304,6 +304,7 @@ class _Loop:
             truth=plan.truth,
             interpolation=manifest.InterpolationEntry(max_gap_ns=plan.max_between_ns, num_frames=stream.num_between),
             latency=latency,
+            execution=manifest.execution_entry(),
             mounts=first.mounts,
             cameras=first.cameras,
             images=dict(sorted(self._media.sizes_wh.items())),

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Any, Self, TypeAlias
 
+from fbench.replay.contracts.devices import current_execution, use_device
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, MissingPackageError, RunError, one_line
 from fbench.replay.contracts.params import synchronize_cuda
 from fbench.replay.contracts.plugins import open_pipeline
@@ -64,7 +65,8 @@ class _Process:
     def __init__(self, name: str, settings: list[str]) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
-            words = [sys.executable, "-P", "-c", _PROGRAM, str(theirs.fileno()), name, *settings]
+            device = current_execution().device
+            words = [sys.executable, "-P", "-c", _PROGRAM, str(theirs.fileno()), device, name, *settings]
             one = dict.fromkeys((VARIABLE, "OMP_NUM_THREADS"), "1")  # the processes share the processors
             self._process = subprocess.Popen(  # noqa: S603  # a module of ours
                 words, stdin=subprocess.DEVNULL, stdout=2, pass_fds=[theirs.fileno()], env={**os.environ, **one}
@@ -206,8 +208,8 @@ def main(arguments: list[str]) -> int:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks ends it
     cv2.setNumThreads(1)
-    connection, name, settings = Connection(int(arguments[0])), arguments[1], arguments[2:]
-    with connection, suppress(EOFError, OSError):
+    connection, name, settings = Connection(int(arguments[0])), arguments[2], arguments[3:]
+    with connection, use_device("cuda" if arguments[1] == "cuda" else "cpu"), suppress(EOFError, OSError):
         try:
             with open_pipeline(name, settings) as (pipeline, _), closing(WarmUp()) as warm_up:
                 if not isinstance(pipeline, Overlaps):

@@ -3,6 +3,7 @@
 They live in `host.json`, apart from what is equal between runs.
 """
 
+import ctypes
 import os
 import platform
 import re
@@ -12,8 +13,9 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
@@ -58,7 +60,34 @@ def _cpu() -> str:
     return names[0] if names else platform.machine()
 
 
-@lru_cache(maxsize=1)
+_CUDA_PACKAGES = ("onnxruntime-gpu", "nvidia-cudnn-cu13", "nvidia-cublas", "nvidia-cuda-runtime")
+_MAX_NAME = 256
+
+
+@cache
+def describe_cuda() -> Mapping[str, str]:
+    """Describe the first GPU that CUDA finds, and what computes on it: the `card`, the newest CUDA that its `driver`
+    knows, and versions of packages. Empty where there is none.
+    """
+    try:
+        cuda = ctypes.CDLL("libcuda.so.1")
+    except OSError:
+        return {}
+    number, name = ctypes.c_int(), ctypes.create_string_buffer(_MAX_NAME)
+    if cuda.cuInit(0) or cuda.cuDeviceGet(ctypes.byref(number), 0) or cuda.cuDeviceGetName(name, _MAX_NAME, number):
+        return {}
+    found = {"card": name.value.decode(errors="replace")}
+    cuda.cuDriverGetVersion(ctypes.byref(number))
+    found["driver"] = f"{number.value // 1000}.{number.value % 1000 // 10}"
+    for package in _CUDA_PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "absent"
+    return found
+
+
+@cache
 def measure_reference_ms() -> float:
     """Return how long a fixed computation takes here [ms, wall time]: the median of a few repeats, after one that
     doesn't count, on one thread. It sorts, adds and multiplies numbers in and out of order, as pipelines do. It is
@@ -153,6 +182,8 @@ def compare_hosts(base: Mapping[str, object], head: Mapping[str, object]) -> lis
     shown = [{name: "unknown" if side.get(name) is None else side[name] for name in _FACTS} for side in (base, head)]
     found = [f"{name} {shown[0][name]} and {shown[1][name]}" for name in _FACTS if shown[0][name] != shown[1][name]]
     overlaps = [side.get("overlap", 1) for side in (base, head)]
+    cards = [side.get("card", "the CPU") for side in (base, head)]
+    found += [f"networks on {cards[0]} and {cards[1]}"] if cards[0] != cards[1] else []
     found += [f"frames overlapped in {overlaps[0]} and {overlaps[1]} processes"] if overlaps[0] != overlaps[1] else []
     times = [side.get("reference_ms") for side in (base, head)]
     known = [float(value) for value in times if isinstance(value, int | float) and value > 0]

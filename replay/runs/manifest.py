@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -12,8 +13,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fbench.replay.contracts.conditions import Part
+from fbench.replay.contracts.devices import current_execution
 from fbench.replay.contracts.errors import RunError
 from fbench.replay.data.rig import CameraModel, Kind, LogInfo, Mount, Rig
+from fbench.replay.runs.host import describe_cuda
 from fbench.replay.runs.secrets import clean_mapping
 
 FORMAT = 1
@@ -162,6 +165,23 @@ class VariantEntry(_Strict):
     """Names of the parameters that it sets; their values are among `parameters`, where the command line's come last."""
 
 
+_ON_CPU = "equal bytes on one type of machine, with equal versions"
+_ON_CUDA = "equal bytes on one type of card, with equal versions; elsewhere within tolerances"
+
+
+class ExecutionEntry(_Strict):
+    """Where the pipeline's networks ran, and where they would give the same; how often is in `docs/determinism.md`."""
+
+    device: str = "cpu"  # `cpu`, also where there is no network; or `cuda`
+    provider: str | None = None  # Of onnxruntime; `None`: no network of fbench's ran
+    determinism: str = _ON_CPU
+    cuda: Annotated[dict[str, str], Field(exclude_if=lambda entry: not entry)] = {}
+    """The `card`, its `driver`, and versions of packages; empty: networks ran on the CPU."""
+
+    def __str__(self) -> str:
+        return f"{self.device} ({self.cuda.get('card', 'an unknown card')})" if self.cuda else self.device
+
+
 class Manifest(_Strict):
     """What ran, and whether all of it did."""
 
@@ -182,6 +202,7 @@ class Manifest(_Strict):
     truth: TruthEntry | None = None  # `None`: ground truth is the log's own
     interpolation: InterpolationEntry = InterpolationEntry()
     latency: Annotated[LatencyEntry | None, Field(exclude_if=lambda entry: entry is None)] = None  # `None`: lockstep
+    execution: ExecutionEntry = ExecutionEntry()
     mounts: dict[str, MountEntry]
     cameras: dict[str, CameraEntry]
     images: dict[str, tuple[int, int]] = {}  # Size [px] of the images of cameras that aren't calibrated
@@ -242,6 +263,15 @@ def condition_entry(part: Part) -> ConditionEntry:
     )  # fmt: skip
 
 
+def execution_entry() -> ExecutionEntry:
+    """Return in the manifest's form what runs the networks of the replay around."""
+    found = current_execution()
+    provider = found.providers[0] if found.providers else None
+    if provider is None or found.device == "cpu":
+        return ExecutionEntry(provider=provider)
+    return ExecutionEntry(device=found.device, provider=provider, determinism=_ON_CUDA, cuda=dict(describe_cuda()))
+
+
 def save_manifest(path: Path, manifest: Manifest) -> None:
     """Write the manifest as JSON, without credentials; one that is redacted without names of files."""
     if manifest.redacted:
@@ -285,4 +315,7 @@ def _versions() -> Mapping[str, str]:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = "absent"
+    if versions["onnxruntime"] == "absent":
+        with suppress(PackageNotFoundError):
+            versions["onnxruntime"] = version("onnxruntime-gpu")  # the same module, and the same on the CPU
     return versions

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 
 from fbench.replay.conditions.disturb import Disturbance
 from fbench.replay.conditions.spec import parse_conditions, with_absolute_files
+from fbench.replay.contracts.devices import Device, check_device
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultBudget, parse_budget
 from fbench.replay.contracts.plugins import pipeline_parameters
@@ -106,6 +107,8 @@ class ReplayRequest:
     """Leave out of the run what tells whose log it is."""
     report: bool = False
     """Write `report.html` into the run folder, too."""
+    device: Device = "cpu"
+    """What runs the pipeline's networks: `cpu`, or `cuda` for an NVIDIA GPU."""
     isolate: bool = False
     """Run the pipeline, which is a Python plug-in, in a process of its own."""
     frame_timeout_s: float = 10.0
@@ -138,6 +141,7 @@ class ReplayRequest:
         """Read all options, with those of the log's configuration where the request leaves them open. Raises
         ConfigError where an option isn't as expected. Raises LogError where a file beside the log can't be used.
         """
+        check_device(self.device)
         source, sensors, settings = log_source(self.log), make_sensors(self.sensors), list(self.settings)
         if not 0 < self.frame_timeout_s < float("inf"):
             raise ConfigError(f"--frame-timeout-s {self.frame_timeout_s:g}: expected more than 0")

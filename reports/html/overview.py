@@ -148,6 +148,8 @@ def what_ran(runs: Sequence[Run]) -> dict[str, list[dict[str, Any]]]:
              "format": m.format} for m in manifests
         ],
     }  # fmt: skip
+    if any(m.execution.device != "cpu" for m in manifests):
+        groups["Networks"] = [m.execution.model_dump() for m in manifests]
     tables = {}
     for group, mappings in groups.items():
         columns = [_flat(mapping) for mapping in mappings]

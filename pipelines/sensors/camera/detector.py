@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from pathlib import Path
 from typing import TypeAlias
 
@@ -12,7 +13,9 @@ from fbench.pipelines.models.weights import AUTO, Weights, resolve
 from fbench.pipelines.sensors.camera.families import RGB
 from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Candidates, Placement, Size
 from fbench.pipelines.sensors.camera.model import Batch, Model
+from fbench.pipelines.sensors.camera.providers import INSTALL_LIBRARIES
 from fbench.pipelines.sensors.rows import suppress
+from fbench.replay.contracts.devices import use_device
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range, require_between
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -221,6 +224,16 @@ class CameraDetector:
         parts = [to_image(*part, prepared.size_wh) for part in zip(found, prepared.windows, strict=True)]
         merged = merge(parts, self._thresholds.nms_iou, self._thresholds.nms_containment)
         return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label, self._thresholds.min_score)
+
+
+@cache
+def require_cuda() -> None:
+    """Run a network on a GPU. Raises ConfigError where that can't be done: why, and what to install."""
+    try:
+        with use_device("cuda"):
+            Model(CITY_WEIGHTS, 1, None)
+    except ModelError as error:
+        raise ConfigError(f"--device cuda: networks can't run on the GPU ({error}); {INSTALL_LIBRARIES}") from error
 
 
 def use_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str, CameraParams]:

@@ -17,6 +17,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state
 
 from fbench.pipelines.sensors.camera.families import DEFAULT_SIDE_PX, RGB, recognize
 from fbench.pipelines.sensors.camera.layouts import PAD_VALUE, Candidates, ModelHeader, Placement, Port, Size
+from fbench.pipelines.sensors.camera.providers import open_session
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.data.arrays import Array
 from fbench.replay.data.images import Pixels
@@ -105,8 +106,9 @@ ORT_ERRORS = (*(getattr(onnxruntime_pybind11_state, name) for name in _ORT.split
 
 
 def load(path: Path, threads: int) -> Any:
-    """Open weights on the CPU. Raises ConfigError where the file is missing. Raises ModelError where it isn't an ONNX
-    model, refers to other files, or can't be run.
+    """Open weights on the device that was chosen, see `contracts.devices`. Raises ConfigError where the file is
+    missing, or the device can't be used. Raises ModelError where it isn't an ONNX model, refers to other files, or
+    can't be run.
     """
     try:
         if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
@@ -126,8 +128,7 @@ def load(path: Path, threads: int) -> Any:
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4  # what matters comes back as an exception
     try:
-        # Its fallback prints, and tries the same provider again.
-        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"], enable_fallback=0)
+        return open_session(data, options)
     except ORT_ERRORS as error:
         raise ModelError(f"not an ONNX model that can be run ({first_line(error)})") from error
 
@@ -150,7 +151,7 @@ class Batch:
 
 
 class Model:
-    """Runs one ONNX file on the CPU.
+    """Runs one ONNX file.
 
     It is tried on blank images when it is loaded, because headers don't tell everything: a graph can be made for one
     image although its header leaves their number free. Raises ConfigError where the file is missing. Raises ModelError

@@ -147,7 +147,7 @@ def gather(
     return sums[:num] / counts[:num].reshape(-1, 1), counts[:num]
 
 
-_HEIGHT_M = 6.0  # Points farther above or below the camera [m] are left out
+HEIGHT_M = 6.0  # Points farther above or below the camera [m] are left out
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def points(disparity: Float32, how: Rectifier, nearest_m: float, params: DepthPa
     per_px = np.array([[1 / K[0, 0], -K[0, 2] / K[0, 0]], [1 / K[1, 1], -K[1, 2] / K[1, 1]]])
     limits = np.array([min(nearest_m, params.max_range_m), params.max_range_m])
     cells = np.array([params.cell_px, params.cell_disparity_px, params.cell_height_m])
-    z_m = np.array([t[2] - _HEIGHT_M, t[2] + _HEIGHT_M])
+    z_m = np.array([t[2] - HEIGHT_M, t[2] + HEIGHT_M])
     columns = np.ascontiguousarray(disparity.T)
     xyz, num = gather(columns, K[0, 0] * how.baseline_m, per_px, how.body_T_camera, limits, cells, z_m)
     xyz = xyz[num >= params.min_pixels]

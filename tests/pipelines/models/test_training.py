@@ -95,7 +95,7 @@ def test_the_file_gives_what_the_network_gives(tmp_path):
     torch.manual_seed(3)
     network = CityDetector(len(CLASSES)).eval()
     torch.nn.init.constant_(network.heads[0].what[1].bias, 0.0)
-    export(network, tmp_path / "made.onnx")
+    export(network, tmp_path / "made.onnx", {})
     detector = CameraDetector(CameraParams(tmp_path / "made.onnx", 0.0, nms_iou=1.0))
     pixels = np.random.default_rng(0).integers(0, 255, (480, 640, 3)).astype(np.uint8)
     found = detector.infer(detector.prepare(pixels))

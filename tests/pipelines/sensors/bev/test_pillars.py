@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cuda import needs_cuda
 
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints
 from fbench.pipelines.sensors.bev.pillars import PillarLayout, decode, group_points, read_layout
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.variants.learned3d import Learned3D, Learned3DParams
+from fbench.replay.contracts.devices import use_device
 from fbench.replay.contracts.errors import ConfigError, ModelError
 
 onnx = pytest.importorskip("onnx", reason="onnx, which comes with the extra torch, isn't installed")
@@ -126,6 +128,19 @@ def test_boxes_are_those_of_another_decoder(tmp_path, names, num):
         ours = [*found.center_m[i], *found.size_lwh_m[i], found.yaw_rad[i], *found.velocity_mps[i, :2]]
         np.testing.assert_allclose(ours, expected, rtol=2e-4, atol=2e-4)
     assert (np.diff(found.score) <= 0).all()
+
+
+@needs_cuda
+def test_cuda_finds_what_the_cpu_finds(tmp_path):
+    make_files(tmp_path)
+    points = BevPoints(np.random.default_rng(8).uniform([-9, -9, -1], [9, 9, 4], (900, 3)).astype(np.float32), NO_RADAR)
+    found = open_detector(params(tmp_path)).detect(points, FLAT, 0.55)
+    with use_device("cuda"):
+        others = open_detector(params(tmp_path)).detect(points, FLAT, 0.55)
+    assert found.label.tolist() == others.label.tolist()
+    for name, values in found.arrays().items():
+        if values.dtype.kind == "f":
+            np.testing.assert_allclose(getattr(others, name), values, rtol=1e-3, atol=1e-3)
 
 
 def test_order_of_points_doesnt_matter_and_heights_are_above_ground(tmp_path):
