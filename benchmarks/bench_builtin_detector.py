@@ -20,6 +20,8 @@ import numpy as np
 from common import images_and_truth
 from rich.console import Console
 from rich.progress import track
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from fbench.datasets.city.recording import Cities, CityRecording
 from fbench.datasets.city.request import SEEDS
@@ -34,9 +36,10 @@ from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.images import decode
 from fbench.replay.data.sequences import Objects, Steps
 from fbench.replay.data.sequences import Sequence as Drive
+from fbench.replay.geometry.iou import iou_2d
 
 FAR_M, SEEN = 50.0, 0.5  # Vehicles count up to this distance, and where at least so much of them is visible
-MIN_SCORE = 0.01
+MIN_SCORE, SURE = 0.01, 0.6
 SECONDS, RATE_HZ = 20.0, 1.0
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")
 WEATHERS = ("clear", "traffic", "rain", "heavy-rain", "fog", "dense-fog", "night", "dusk", "low-sun", "overcast")
@@ -133,6 +136,33 @@ def _as_one_class(one: Drive, wanted: Wanted, labels: Sequence[str]) -> Drive:
     return replace(one, truth=truth, estimates=replace(estimates, label=np.full(len(estimates), name)))
 
 
+def recall(found: Sequence[Drive], label: str, far_m: float = 30.0) -> str:
+    """Share of a label's boxes, nearer than `far_m` and mostly visible, that a box of the label with the score that
+    the file recommends overlaps by half; with any label, too. One box finds one object.
+    """
+    hits, any_label, num = 0, 0, 0
+    for one in found:
+        assert one.truth.distance_m is not None
+        assert one.truth.visibility is not None
+        assert one.truth.ignore is not None
+        near = (one.truth.distance_m < far_m) & (one.truth.visibility >= SEEN) & ~one.truth.ignore
+        truth, sure = one.truth[near & (one.truth.label == label)], one.estimates[one.estimates.score >= SURE]
+        num += len(truth)
+        assert truth.xyxy_px is not None
+        assert sure.xyxy_px is not None
+        for step in np.unique(truth.step).tolist():
+            boxes, at = truth.xyxy_px[truth.step == step], sure.step == step
+            overlap = iou_2d(boxes, sure.xyxy_px[at]) >= 0.5
+            any_label += _num_pairs(overlap)
+            hits += _num_pairs(overlap & (sure.label[at] == label))
+    return "- (0)" if num == 0 else f"{hits / num:.2f}, {any_label / num:.2f} ({num})"
+
+
+def _num_pairs(overlap: Bool) -> int:
+    """Most pairs (T, E) of which no two share a row or column."""
+    return int((maximum_bipartite_matching(csr_matrix(overlap)) >= 0).sum()) if overlap.size else 0
+
+
 def best_f1(found: Sequence[Drive]) -> tuple[float, float]:
     """Return the highest F1 of vehicles, and the score from which on detections count for it."""
     profile = CocoProfile(classes=("object",)).with_match(Match("iou2d", 0.5))
@@ -165,9 +195,9 @@ def main() -> None:
     clear = of_weather.get("clear", ())
     if not clear:
         return
-    print("\n| class, clear | AP50 |\n|---|---|")
+    print("\n| class, clear | AP50 | recall within 30 m, by any label (of how many) |\n|---|---|---|")
     for label in CLASSES:
-        print(f"| {label} | {ap50(clear, labels=(label,))} |")
+        print(f"| {label} | {ap50(clear, labels=(label,))} | {recall(clear, label)} |")
     print("\n| distance, clear | AP50 |\n|---|---|")
     for low, high in DISTANCES_M:
         number = ap50(clear, partial(at_distance, low, high))
