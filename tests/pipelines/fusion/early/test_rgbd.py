@@ -13,7 +13,7 @@ from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, frame, image
 from tests.pipelines.networks import encode_pixels
 from tests.pipelines.scenes import road
 
-from fbench.pipelines.fusion.early.rgbd import Measure, RgbdParams, draw_window
+from fbench.pipelines.fusion.early.rgbd import RGBD_WEIGHTS, Measure, draw_window
 from fbench.pipelines.sensors.camera.channels import ImagePoints
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS, CameraDetector, CameraParams
 from fbench.pipelines.sensors.camera.layouts import letterbox
@@ -167,15 +167,15 @@ def test_windows_of_wide_images_get_their_part_of_the_points():
     assert np.nonzero(top[..., 0])[0].min() == 20, "nothing in the border"
 
 
-def test_weights_of_simulated_logs(pixels: Path, monkeypatch: pytest.MonkeyPatch):
+def test_weights_of_simulated_logs(pixels: Path):
     with pytest.raises(
         ConfigError, match=r"early2d with detector=rgbd needs a network for this log: --set rgbd\.weights"
     ):
         Early2D(Early2DParams(detector="rgbd")).start(RIG, LOG)
-    monkeypatch.setattr(RgbdParams, "builtin", pixels)
     city = Early2D(Early2DParams(detector="rgbd"))
     city.start(RIG, LogInfo("city", "id", {SIMULATED: "1"}))
-    assert dict(city.identity()) == {"rgbd.weights": describe_file(pixels)}
+    assert dict(city.identity()) == {"rgbd.weights": describe_file(RGBD_WEIGHTS)}
+    assert RGBD_WEIGHTS.stat().st_size <= 4_000_000
     assert pipeline(pixels, log=LogInfo("city", "id", {SIMULATED: "1"})).identity() == {}, "a parameter names it"
     assert Early2D().identity() == {}
 
