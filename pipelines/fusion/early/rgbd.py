@@ -3,17 +3,21 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from fbench.pipelines.fusion.image import find_distance
 from fbench.pipelines.fusion.sizes import SIZES
 from fbench.pipelines.models.weights import AUTO, Weights
-from fbench.pipelines.sensors import camera
 from fbench.pipelines.sensors.bev.stage import BevInput, BevMeasurement
 from fbench.pipelines.sensors.camera.channels import ImagePoints, draw_channels, project_points
-from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams, Window
+from fbench.pipelines.sensors.camera.detector import (
+    CITY_WEIGHTS,
+    CameraDetections,
+    CameraDetector,
+    CameraParams,
+    Window,
+)
 from fbench.pipelines.sensors.camera.families import RGBD
 from fbench.pipelines.sensors.camera.layouts import PAD_VALUE, Placement, Size
 from fbench.pipelines.sensors.image.stage import by_camera
@@ -33,7 +37,7 @@ from fbench.replay.data.messages import Image
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.geometry.camera import project_body
 
-RGBD_WEIGHTS = Path(camera.__file__).with_name("rgbd.onnx")  # See `docs/learned.md`
+RGBD_WEIGHTS = CITY_WEIGHTS.with_name("rgbd.onnx")  # See `docs/learned.md`
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ class RgbdStage:
     ) -> None:  # fmt: skip
         self._rig, self._detectors, self._branches = rig, detectors, branches
         self._input = BevInput(rig, log_info, "both", lidar, radar, settings)
-        self._min_speed_mps = radar.min_speed_mps
+        self._min_speed_mps, self._sees_ground = radar.min_speed_mps, bool(rig.sensors("lidar"))
 
     def reset(self) -> None:
         """Forget how the ground lies, and how the body moves."""
@@ -92,9 +96,10 @@ class RgbdStage:
         faults = list[Fault]()
         look = partial(self._decode, frame, faults=faults), partial(self._input.measure, frame)
         images, seen = self._branches.run(clock, *look)
-        if seen.plane is None:
+        if seen.plane is None and self._sees_ground:
             return RgbdView(None, tuple(faults), None, images, seen)
-        return RgbdView(seen.plane, tuple(faults), self._detect(images, seen, seen.plane, clock))
+        plane = seen.plane or self._input.remember(None)
+        return RgbdView(seen.plane, tuple(faults), self._detect(images, seen, plane, clock))
 
     def detect(self, view: RgbdView, clock: StageClock) -> Detected[Boxes2D]:
         """Return the boxes of a view, in the order of frames."""
