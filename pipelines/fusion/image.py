@@ -213,7 +213,9 @@ def _object(view: ImageView, rows: Int64, camera_share: float, params: ImageFusi
         xyxy_px=box,
         label=str(seen.label[shown]),
         score=_score(view, of, box, depth, depth_std, camera_share, params),
-        distance_m=seen.distance_m[of[measured[0]]] if measured else _distance_m(view, box, depth),
+        distance_m=seen.distance_m[of[measured[0]]]
+        if measured
+        else find_distance(view.rig, view.camera, box, depth + _HALF_LENGTH_M),
         rate_mps=float(seen.rate_mps[of[Source.R]]) if Source.R in of else float("nan"),
         sources=sum(int(kind) for kind in of),
     )
@@ -246,10 +248,12 @@ def _score(
     return combine_factors(params.prior, factor.values())
 
 
-def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:
-    """Distance of an object's middle from the body's origin [m], given the depth of its near side."""
-    ray = rays(view.rig.cameras[view.camera], np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]]))
+def find_distance(rig: Rig, camera: str, box: Float64, depth_m: float) -> float:
+    """Distance from the body's origin [m] of what lies in the middle of a box (4,) at this depth [m], NaN where that
+    isn't known.
+    """
+    ray = rays(rig.cameras[camera], np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]]))
     if np.isnan(depth_m) or not ray[0, 2] > 0:
         return float("nan")
-    place = transform(view.rig.body_T_sensor(view.camera), ray / ray[0, 2] * (depth_m + _HALF_LENGTH_M))
+    place = transform(rig.body_T_sensor(camera), ray / ray[0, 2] * depth_m)
     return float(np.sqrt((place**2).sum()))

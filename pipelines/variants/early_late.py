@@ -9,10 +9,11 @@ from typing import Any, ClassVar, Literal
 from fbench.pipelines.fusion.early.cloud import DepthStage, DepthView, Scene, find_dense_ground, merge_clouds
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
 from fbench.pipelines.fusion.early.image import EarlyImageFusion, EarlyImageParams
+from fbench.pipelines.fusion.early.rgbd import RgbdParams, RgbdStage
 from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
-from fbench.pipelines.models.weights import resolve_settings
+from fbench.pipelines.models.weights import AUTO, resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar
 from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, Rays, projectable
@@ -24,6 +25,7 @@ from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoSta
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, Memory, TrackingPipeline
 from fbench.pipelines.tracking.trackers import B, Tracker, Tracker2D, Tracker3D
+from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
@@ -157,6 +159,7 @@ class OneCloud(FusionPipeline[B]):
         super().__init__(params, fusion.camera_share, tracker)
         self._one_cloud, self._echoes = params, fusion.echoes
         self._learning: tuple[Memory, ...] = ()  # Of what is made of the cloud
+        self._pair: tuple[str, ...] = ()  # Cameras that give depth
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig. Raises ConfigError where a camera that is named isn't there. Raises LogError
@@ -171,13 +174,13 @@ class OneCloud(FusionPipeline[B]):
             require(self.name, ("lidar", "radar"), rig, log_info, "a LiDAR, a radar or a stereo pair of cameras")
         self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
-        self._radar = RadarStage(rig, log_info, params.radar, settings)
+        self._radar, self._pair = RadarStage(rig, log_info, params.radar, settings), self._depth.pair
         self._remember(self._depth, *self._learning)
         super().start(rig, log_info)
 
     def required_sensors(self) -> tuple[str, ...]:
         """Those that it uses, and the cameras of a stereo pair, also without weights."""
-        return tuple(sorted({*super().required_sensors(), *self._depth.pair}))
+        return tuple(sorted({*super().required_sensors(), *self._pair}))
 
     def _detect(self, frame: Frame, clock: StageClock) -> Any:
         of_images, of_pairs = list[Fault](), list[Fault]()
@@ -205,23 +208,39 @@ class OneCloud(FusionPipeline[B]):
 class Early2DParams(OneCloudParams):
     """Parameters of `early2d`."""
 
+    detector: Literal["cloud", "rgbd"] = "cloud"
+    """Where points and images meet: `cloud`, in space, where points are labeled and grouped, or `rgbd`, in a network
+    that gets points as two more channels of each image. Then the parameters `camera`, `fusion` and `stereo` mean
+    nothing, and those of single cameras are those of `rgbd`.
+    """
+    rgbd: RgbdParams = field(default_factory=RgbdParams)  # That network.
     fusion: EarlyImageParams = field(default_factory=EarlyImageParams)  # How one cloud becomes objects in images.
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 class Early2D(OneCloud[Boxes2D]):
     """Labeled boxes in the images of all cameras, with distance and range rate, around the objects of one cloud of all
-    sensors, and around what only cameras see. What no camera sees is labeled by shape.
+    sensors, and around what only cameras see. What no camera sees is labeled by shape. With `detector=rgbd`, what a
+    network sees in images with the points drawn into them; a LiDAR or radar must be there.
     """
 
     name = "early2d"
 
     def __init__(self, params: Early2DParams = Early2DParams()) -> None:
+        self._params, self._has_network = params, params.detector == "rgbd"
+        if self._has_network:
+            _require_no_cloud(params)
         super().__init__(params, params.fusion, Tracker2D(params.tracking))
-        self._params = params
+        if self._has_network:
+            self._cameras = CameraStage(params.rgbd)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig. Raises LogError where no camera can be projected into; see `OneCloud.start`."""
+        """Take all sensors of the rig. Raises LogError where no camera can be projected into; see `OneCloud.start`.
+        Raises ConfigError where `detector=rgbd` has no weights for this log.
+        """
+        if self._has_network:
+            self._start_network(rig, log_info)
+            return
         fusion = self._params.fusion
         usual: Literal["points", "boxes"] = "points" if SIMULATED in log_info.metadata else "boxes"
         fusion = replace(fusion, outline=fusion.outline or usual)
@@ -229,9 +248,37 @@ class Early2D(OneCloud[Boxes2D]):
         self._learning = (self._fusion,)
         super().start(rig, log_info)
 
+    def _start_network(self, rig: Rig, log_info: LogInfo) -> None:
+        params, settings = self._params, SensorSettings(self._params, rig)
+        projectable(self.name, rig, log_info)
+        require(self.name, ("lidar", "radar"), rig, log_info)
+        self._start_cameras(rig, log_info, settings)
+        if not self._cameras.used:
+            raise ConfigError("early2d with detector=rgbd needs a network for this log: --set rgbd.weights=FILE.onnx")
+        used = self._cameras.used
+        self._network = RgbdStage(rig, log_info, used, params.lidar, params.radar, settings, self._branches)
+        self._remember(self._network)
+        FusionPipeline.start(self, rig, log_info)
+
+    def _detect(self, frame: Frame, clock: StageClock) -> Any:
+        return self._network.view(frame, clock) if self._has_network else super()._detect(frame, clock)
+
+    def _combine(self, seen: Any, clock: StageClock) -> Detected[Boxes2D]:
+        return self._network.detect(seen, clock) if self._has_network else super()._combine(seen, clock)
+
     def _fuse(self, scene: Scene, depth: DepthView) -> Boxes2D:
         rays = {name: Rays.of(self._rig, name, depth.measured) for name in scene.cameras}
         return self._fusion.fuse(scene, rays)
+
+
+def _require_no_cloud(params: Early2DParams) -> None:
+    """Refuse what would have no effect with `detector=rgbd`. Raises ConfigError."""
+    if params.camera.weights != AUTO:
+        raise ConfigError("camera.weights: detector=rgbd has a network of its own, set rgbd.weights")
+    if params.lidar.detector != "clusters":
+        raise ConfigError(f"lidar.detector={params.lidar.detector}: detector=rgbd detects in images, with all sensors")
+    if params.stereo_pair == "on":
+        raise ConfigError("stereo_pair=on: detector=rgbd knows depth by LiDAR and radar only")
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 from tests.city_log import write_city_log
+from tests.pipelines.networks import encode_pixels
 from tests.recordings import PIPELINES
 
 from fbench.replay.runs.folder import Run
 
+RGBD = "early2d with a network"
 MEASURED = {"host.json", "latency.json", "timings.parquet"}
 PLUGIN = """
 import os, time
@@ -161,12 +163,15 @@ def test_ctrl_c_ends_all_processes(log, plugin, tmp_path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "pipeline", [name for name in (*PIPELINES, "learned3d") if not name.startswith(("thesis/", "track"))]
+    "pipeline", [name for name in (*PIPELINES, "learned3d", RGBD) if not name.startswith(("thesis/", "track"))]
 )
 def test_every_pipeline_on_the_city(fbench, tmp_path, pipeline: str) -> None:
     write_city_log(tmp_path / "city.mcap", 0.8, cameras=True)
-    more = ("--condition", "fog:3+dropout.lidar:1+extrinsic:2", "--detect-every", "2")
-    code, plain, overlapped = replay_both(fbench, tmp_path / "city.mcap", pipeline, *more)
+    more = ["--condition", "fog:3+dropout.lidar:1+extrinsic:2", "--detect-every", "2"]
+    if pipeline == RGBD:
+        (tmp_path / "pixels.onnx").write_bytes(encode_pixels((160, 120), side_px=12.0))
+        more += ["--set", "detector=rgbd", "--set", f"rgbd.weights={tmp_path / 'pixels.onnx'}"]
+    code, plain, overlapped = replay_both(fbench, tmp_path / "city.mcap", pipeline.partition(" ")[0], *more)
     assert code in (0, 4), "as frames are missing, results aren't complete"
     assert plain == overlapped
     assert Run(Path("run2")).json("host.json")["overlap"] == 2

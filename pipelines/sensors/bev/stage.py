@@ -77,9 +77,10 @@ class BevInput:
             plane, _, height = (None, None, np.zeros(0)) if xyz is None else find_ground(xyz, self._ground)
         return BevMeasurement(xyz, height, echoes, plane)
 
-    def remember(self, plane: Plane | None) -> None:
-        """Take the ground as another frame showed it."""
+    def remember(self, plane: Plane | None) -> Plane:
+        """Take the ground as a frame showed it, `None` where it didn't; return that which was seen last."""
         self._plane = plane or self._plane
+        return self._plane
 
     def prepare(self, seen: BevMeasurement, clock: StageClock) -> tuple[BevPoints, Plane]:
         """Prepare points by the ground in them, else by that which was seen last."""

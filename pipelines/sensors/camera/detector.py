@@ -1,15 +1,17 @@
 """The camera detector: one image in, labeled boxes out, by all cameras of a rig; timed."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from fbench.pipelines.models.weights import AUTO, Weights, resolve
-from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Candidates, Size
+from fbench.pipelines.sensors.camera.families import RGB
+from fbench.pipelines.sensors.camera.layouts import NO_CANDIDATES, SIDE_PX, Candidates, Placement, Size
 from fbench.pipelines.sensors.camera.model import Batch, Model
 from fbench.pipelines.sensors.camera.providers import INSTALL_LIBRARIES
 from fbench.pipelines.sensors.rows import suppress
@@ -113,9 +115,15 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
     return boxes[suppress(rivals)]
 
 
+CITY_WEIGHTS = Path(__file__).with_name("city.onnx")  # See `docs/detector.md`
+
+
 @dataclass(frozen=True)
 class CameraParams(CheckedParams, prefix="camera"):
     """Parameters of the camera detector."""
+
+    builtin = CITY_WEIGHTS
+    channels = RGB  # Of the model's input
 
     weights: Weights = AUTO
     """An ONNX file, or a name of `fbench weights list`; `auto` is fbench's own on simulated logs, and on others none;
@@ -142,7 +150,7 @@ class CameraParams(CheckedParams, prefix="camera"):
     def __post_init__(self) -> None:
         super().__post_init__()
         for side in self.input_wh or ():
-            require_between("camera.input_wh", side, *SIDE_PX)
+            require_between(f"{self._prefix}input_wh", side, *SIDE_PX)
         object.__setattr__(self, "weights", resolve(self.weights))
 
 
@@ -172,6 +180,10 @@ class Prepared:
     batches: Sequence[Batch]
 
 
+Draw: TypeAlias = Callable[[Window, Placement, Size], Pixels]
+"""Draws further channels (H, W, C) of a window of the image, placed in an input of this size."""
+
+
 class CameraDetector:
     """Finds road users with an ONNX model. Raises ConfigError without weights or file, ModelError where unusable."""
 
@@ -179,20 +191,29 @@ class CameraDetector:
         if not isinstance(params.weights, Path):
             raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
         self._params = params
-        self._model = Model(params.weights, min(params.threads, num_threads()), params.input_wh)
+        threads = min(params.threads, num_threads())
+        self._model = Model(params.weights, threads, params.input_wh, params.channels)
         asked = {f.name: getattr(params, f.name) for f in fields(Thresholds)}
         try:
             self._thresholds = thresholds(asked, self._model.metadata)
         except ModelError as error:
             raise ModelError(f"{params.weights}: {error}") from error
 
-    def prepare(self, pixels: Pixels) -> Prepared:
-        """Cut and scale an image (H, W, 3) BGR."""
+    def prepare(self, pixels: Pixels, draw: Draw | None = None) -> Prepared:
+        """Cut and scale an image (H, W, 3) BGR, and draw what else the model looks at."""
         size = (pixels.shape[1], pixels.shape[0])
         wide = self._params.tile_aspect if self._params.tiles else math.inf
         parts = windows(size, wide, self._params.tile_overlap)
         images = [pixels[top:bottom, left:right] for left, top, right, bottom in parts]
-        return Prepared(size, parts, self._model.batches(images))
+        drawn = (
+            []
+            if draw is None
+            else [
+                draw(part, *self._model.placement((image.shape[1], image.shape[0])))
+                for part, image in zip(parts, images, strict=True)
+            ]
+        )
+        return Prepared(size, parts, self._model.batches(images, drawn))
 
     def infer(self, prepared: Prepared, share: float = 1.0) -> CameraDetections:
         """Run the model and merge what it found, down to this share of the score from which on boxes are reported.
@@ -203,9 +224,6 @@ class CameraDetector:
         parts = [to_image(*part, prepared.size_wh) for part in zip(found, prepared.windows, strict=True)]
         merged = merge(parts, self._thresholds.nms_iou, self._thresholds.nms_containment)
         return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label, self._thresholds.min_score)
-
-
-CITY_WEIGHTS = Path(__file__).with_name("city.onnx")  # See `docs/detector.md`
 
 
 @cache
@@ -223,17 +241,17 @@ def use_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str,
     if SIMULATED not in log_info.metadata:
         return dict(own)
     return {
-        name: replace(params, weights=CITY_WEIGHTS) if params.weights == AUTO else params
+        name: replace(params, weights=params.builtin) if params.weights == AUTO else params
         for name, params in own.items()
     }
 
 
 def builtin_identity(own: Mapping[str, CameraParams], asked: CameraParams) -> dict[str, object]:
     """Return what the manifest says of built-in weights, where cameras use them."""
-    used = [name for name, params in own.items() if params.weights == CITY_WEIGHTS]
+    used = [f"{name}." for name, params in own.items() if params.weights == asked.builtin]
     if asked.weights == AUTO:
-        used = ["camera"] if used else []
-    return {f"{name}.weights": describe_file(CITY_WEIGHTS) for name in used if asked.weights != CITY_WEIGHTS}
+        used = [asked._prefix] if used else []
+    return {f"{name}weights": describe_file(asked.builtin) for name in used if asked.weights != asked.builtin}
 
 
 def look(

@@ -37,6 +37,10 @@ class Layout(ABC):
     batch: int | None  # How many images each call takes; `None`: the header leaves it free
 
     @abstractmethod
+    def placement(self, size_wh: Size) -> Placement:
+        """Where an image of this size lies in the input."""
+
+    @abstractmethod
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Fit images (H, W, 3) BGR into the model's inputs."""
 
@@ -56,10 +60,14 @@ class Detr(Layout):
     size_input: str  # Name of the input for sizes
     output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
 
+    def placement(self, size_wh: Size) -> Placement:
+        """Fill the input."""
+        return layouts.squash(size_wh, self.input_wh)
+
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Squash each image into the input, whatever its aspect ratio."""
         sizes = _sizes(images)
-        placed = _fit(images, [layouts.squash(size, self.input_wh) for size in sizes], self.input_wh)
+        placed = _fit(images, [self.placement(size) for size in sizes], self.input_wh)
         return {self.image_input: placed, self.size_input: np.array(sizes, np.int64).reshape(-1, 2)}
 
     def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
@@ -76,11 +84,15 @@ class Torchvision(Layout):
     batch_axis: bool
     output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
 
+    def placement(self, size_wh: Size) -> Placement:
+        """Fill the input."""
+        return layouts.squash(size_wh, self.input_wh or size_wh)
+
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Feed one image, squashed only where the model's input has a fixed size."""
         (size,) = _sizes(images[:1])
         wanted = self.input_wh or size
-        fitted = images[0] if size == wanted else layouts.place(images[0], layouts.squash(size, wanted), wanted)
+        fitted = images[0] if size == wanted else layouts.place(images[0], self.placement(size), wanted)
         values = layouts.planes([fitted], rgb=True, unit=True)
         return {self.image_input: values if self.batch_axis else values[0]}
 
@@ -88,7 +100,7 @@ class Torchvision(Layout):
         """Move the boxes back to the image."""
         label, xyxy, score = (outputs[i] for i in self.output_order)
         boxes = layouts.select(xyxy, score, label, self.labels, min_score)
-        return [layouts.squash(sizes_wh[0], self.input_wh or sizes_wh[0]).back(boxes)]
+        return [self.placement(sizes_wh[0]).back(boxes)]
 
 
 @dataclass(frozen=True)
@@ -96,18 +108,19 @@ class _Letterboxed(Layout):
     input_wh: Size
     centered: ClassVar[bool]  # Whether images are in the middle of an input RGB 0..1, or upper left in BGR 0..255
 
+    def placement(self, size_wh: Size) -> Placement:
+        """Keep the aspect ratio."""
+        return layouts.letterbox(size_wh, self.input_wh, centered=self.centered)
+
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Letterbox each image to its place in the input."""
-        placements = [self._placement(size) for size in _sizes(images)]
+        placements = [self.placement(size) for size in _sizes(images)]
         return {self.image_input: _fit(images, placements, self.input_wh, bgr=not self.centered)}
 
     def read(self, outputs: Sequence[Array], sizes_wh: Sequence[Size], min_score: float) -> list[Candidates]:
         """Move the boxes back to each image."""
         images = zip(outputs[0], sizes_wh, strict=True)
-        return [self._placement(size).back(self._boxes(raw, min_score)) for raw, size in images]
-
-    def _placement(self, size: Size) -> Placement:
-        return layouts.letterbox(size, self.input_wh, centered=self.centered)
+        return [self.placement(size).back(self._boxes(raw, min_score)) for raw, size in images]
 
     @abstractmethod
     def _boxes(self, raw: Array, min_score: float) -> Candidates: ...
@@ -184,14 +197,32 @@ MAX_CALL_PX = 1 << 26  # Pixels of all images of one call: 800 MB as float32
 _FLOATS = ("tensor(float)",)
 
 
-def recognize(header: ModelHeader, input_wh: Size | None = None) -> Layout:
+RGB, RGBD = 3, 5  # Channels of images, and with what LiDARs and radars measured
+_OTHERS = {
+    RGB: (RGBD, "; it looks at points, too: name it as rgbd.weights"),
+    RGBD: (RGB, "; it looks at images alone: name it as camera.weights"),
+}
+
+
+def recognize(header: ModelHeader, input_wh: Size | None = None, channels: int = RGB) -> Layout:
     """Return the layout of a model; `input_wh` sets the input's size where the header leaves it free. Raises ModelError
-    where inputs or outputs aren't understood, or `input_wh` contradicts the header.
+    where inputs or outputs aren't understood, or `input_wh` contradicts the header. With `RGBD` channels only
+    `Ultralytics` is.
     """
-    images = [p for p in header.inputs if len(p.shape) in (3, 4) and p.dtype in _FLOATS and p.shape[-3] in (3, None)]
+    inputs = [port for port in header.inputs if len(port.shape) in (3, 4) and port.dtype in _FLOATS]
+    images = [port for port in inputs if port.shape[-3] in ((RGB, None) if channels == RGB else (channels,))]
     if len(images) != 1:
-        raise ModelError(f"expected one float32 image input (B, 3, H, W): {describe(header)}")
+        other, hint = _OTHERS[channels]
+        hint = hint if [port.shape[-3] for port in inputs] == [other] else ""
+        raise ModelError(f"expected one float32 image input (B, {channels}, H, W): {describe(header)}{hint}")
     image = images[0]
+    layout = _recognize(header, image, input_wh)
+    if channels != RGB and not isinstance(layout, Ultralytics):
+        raise ModelError(f"outputs aren't understood: {describe(header)}")
+    return layout
+
+
+def _recognize(header: ModelHeader, image: Port, input_wh: Size | None) -> Layout:
     _check_size(image, input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX))
     size_input = [port for port in header.inputs if port.name == "orig_target_sizes"]
     order = _order(header)

@@ -15,8 +15,8 @@ import numpy as np
 import onnxruntime
 from onnxruntime.capi import onnxruntime_pybind11_state
 
-from fbench.pipelines.sensors.camera.families import DEFAULT_SIDE_PX, recognize
-from fbench.pipelines.sensors.camera.layouts import PAD_VALUE, Candidates, ModelHeader, Port, Size
+from fbench.pipelines.sensors.camera.families import DEFAULT_SIDE_PX, RGB, recognize
+from fbench.pipelines.sensors.camera.layouts import PAD_VALUE, Candidates, ModelHeader, Placement, Port, Size
 from fbench.pipelines.sensors.camera.providers import open_session
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.data.arrays import Array
@@ -155,11 +155,11 @@ class Model:
 
     It is tried on blank images when it is loaded, because headers don't tell everything: a graph can be made for one
     image although its header leaves their number free. Raises ConfigError where the file is missing. Raises ModelError
-    where it can't be used.
+    where it can't be used. Its input has so many `channels`: those of an image, and what else is drawn into it.
     """
 
-    def __init__(self, path: Path, threads: int, input_wh: Size | None) -> None:
-        self._path = path
+    def __init__(self, path: Path, threads: int, input_wh: Size | None, channels: int = RGB) -> None:
+        self._path, self._num_drawn = path, channels - RGB
         try:
             self._session = load(path, threads)
             inputs, outputs = (
@@ -167,7 +167,7 @@ class Model:
                 for ports in (self._session.get_inputs(), self._session.get_outputs())
             )
             header = ModelHeader(inputs, outputs, dict(self._session.get_modelmeta().custom_metadata_map))
-            self._layout = recognize(header, input_wh)
+            self._layout = recognize(header, input_wh, channels)
         except UnicodeDecodeError as error:
             raise ModelError(f"{path}: a name in the model isn't UTF-8") from error
         except ModelError as error:
@@ -182,9 +182,16 @@ class Model:
         self._num = self._layout.batch or 1
         self._try(self._num)
 
-    def batches(self, images: Sequence[Pixels]) -> list[Batch]:
-        """Fit images (H, W, 3) BGR into inputs, as many a call as the model takes."""
-        return [self._batch(images[i : i + self._num], self._num) for i in range(0, len(images), self._num)]
+    def placement(self, size_wh: Size) -> tuple[Placement, Size]:
+        """Where an image of this size lies in the input, and the input's own size."""
+        return self._layout.placement(size_wh), self.input_wh or size_wh
+
+    def batches(self, images: Sequence[Pixels], drawn: Sequence[Pixels] = ()) -> list[Batch]:
+        """Fit images (H, W, 3) BGR into inputs, as many a call as the model takes; with the further channels of each
+        input (H, W, C) as they are `drawn`.
+        """
+        starts = range(0, len(images), self._num)
+        return [self._batch(images[i : i + self._num], drawn[i : i + self._num], self._num) for i in starts]
 
     def run(self, batch: Batch, min_score: float) -> list[Candidates]:
         """Candidates of each image, in pixels from its upper left corner. Raises ModelError where the model fails, or
@@ -196,15 +203,19 @@ class Model:
         except (*ORT_ERRORS, IndexError, TypeError) as error:
             raise ModelError(f"{self._path}: the model failed ({first_line(error)})") from error
 
-    def _batch(self, images: Sequence[Pixels], num: int) -> Batch:
+    def _batch(self, images: Sequence[Pixels], drawn: Sequence[Pixels], num: int) -> Batch:
         """Repeat the last image where the model takes a fixed number of them."""
-        filled = [*images, *[images[-1]] * (num - len(images))] if self._layout.batch else images
-        sizes = [(image.shape[1], image.shape[0]) for image in filled]
-        return Batch(self._layout.feeds(filled), sizes, len(images))
+        at = [min(i, len(images) - 1) for i in range(num if self._layout.batch else len(images))]
+        feeds, name = self._layout.feeds([images[i] for i in at]), self._layout.image_input
+        if drawn:
+            planes = np.stack([drawn[i] for i in at]).transpose(0, 3, 1, 2) * np.float32(1 / 255)
+            feeds[name] = np.concatenate([feeds[name], planes], axis=1)
+        return Batch(feeds, [(images[i].shape[1], images[i].shape[0]) for i in at], len(images))
 
     def _try(self, num: int) -> None:
         blank = np.full((self._size[1], self._size[0], 3), PAD_VALUE, np.uint8)
-        self.run(self._batch([blank] * num, num), 0.0)
+        drawn = np.zeros((*blank.shape[:2], self._num_drawn), np.uint8)
+        self.run(self._batch([blank] * num, [drawn] * num if self._num_drawn else (), num), 0.0)
 
 
 @dataclass(frozen=True)

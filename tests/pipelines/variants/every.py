@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from tests.pipelines.frames import CAMERA, MOUNTS, UPRIGHT, image
+from tests.pipelines.networks import encode_pixels
 from tests.pipelines.scenes import car_back, echoes, radial, road, surroundings
 from tests.pipelines.sensors.stereo import pairs
 
@@ -24,6 +25,7 @@ PAIR = pairs.rig()
 LOW = ("lidar.crop.low_m=-1.4", "radar.crop.low_m=-1.4", "radar.size.least_height_m=0")
 """For the thesis's configurations, whose ground is a height: here the body's origin is 1.6 m above it."""
 ONE_PAIR = ("stereo.disparity.shrink=1",)
+RGBD = "detector=rgbd"
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,14 @@ class Case:
     def flat(self) -> bool:
         return self.name.endswith("2d")
 
+    def __str__(self) -> str:
+        return self.name if RGBD not in self.settings else f"{self.name}-rgbd"
+
 
 CASES = (
     Case("camera2d", "C"), Case("lidar2d", "L"), Case("radar2d", "R", ("min_score=0.3",)), Case("lidar3d", "L"),
     Case("radar3d", "R"), Case("stereo3d", "S", ONE_PAIR), Case("early2d", "CLR"), Case("early3d", "CLR"),
+    Case("early2d", "CLR", (RGBD, "rgbd.min_score=0.3")),
     Case("late2d", "CLR"), Case("late3d", "CLR"), Case("track", "D"), Case("learned3d", "LR"),
     Case("thesis/camera2d", "C"), Case("thesis/lidar2d", "L", LOW), Case("thesis/radar2d", "R", LOW),
     Case("thesis/lidar3d", "L", LOW), Case("thesis/radar3d", "R", LOW), Case("thesis/early2d", "CLR", LOW),
@@ -116,12 +122,20 @@ def rig_of(case: Case) -> Rig:
     return Rig(mounts or {"lidar": MOUNTS["lidar"]}, cameras)
 
 
+def weights(case: Case, one_car: Path) -> tuple[str, ...]:
+    """Settings that name the network of cameras."""
+    if RGBD in case.settings:
+        path = one_car.with_name("pixels.onnx")
+        path.write_bytes(encode_pixels((62, 52), side_px=12.0))
+        return (f"rgbd.weights={path}",)
+    return (f"camera.weights={one_car}",) if "C" in case.uses else ()
+
+
 def outputs(
     case: Case, one_car: Path, frames: Sequence[Frame], rig: Rig | None = None, results: Sequence[Truth] | None = None
 ) -> list[Output]:
     """Run a pipeline over frames that follow each other."""
-    weights = (f"camera.weights={one_car}",) if "C" in case.uses else ()
-    pipeline, _ = make_pipeline(case.name, [*case.settings, *weights])
+    pipeline, _ = make_pipeline(case.name, [*case.settings, *weights(case, one_car)])
     if isinstance(pipeline, UsesLog):
         pipeline.use_log(Results(recorded(frames) if results is None else results))
     pipeline.start(rig or rig_of(case), LOG)

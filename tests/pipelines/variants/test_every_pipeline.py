@@ -9,7 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.pipelines.variants.every import CASES, LOG, STEP_NS, Case, drive, outputs, recorded, require_sound, rig_of
+from tests.pipelines.variants.every import (
+    CASES,
+    LOG,
+    STEP_NS,
+    Case,
+    drive,
+    outputs,
+    recorded,
+    require_sound,
+    rig_of,
+    weights,
+)
 
 from fbench.replay.contracts.plugins import entry_points_of as plugins_found
 from fbench.replay.contracts.plugins import make_pipeline
@@ -27,7 +38,7 @@ from fbench.replay.runs.digest import digest
 def cases(*kinds: str, but: Sequence[str] = ()) -> pytest.MarkDecorator:
     """Pipelines that use one of these kinds of sensors, but those named."""
     chosen = [case for case in CASES if set(kinds) & set(case.uses) and case.name not in but]
-    return pytest.mark.parametrize("case", chosen, ids=lambda case: case.name)
+    return pytest.mark.parametrize("case", chosen, ids=str)
 
 
 every = cases(*"CLRSD")
@@ -99,8 +110,7 @@ def test_nothing_depends_on_sensors_that_it_says_it_does_not_use(case: Case, one
     """So that conditions needn't act on them; the rig has all sensors."""
     whole = replace(case, uses="CLRS")
     rig, frames = rig_of(whole), drive(whole, 3)
-    weights = (f"camera.weights={one_car}",) if "C" in case.uses else ()
-    pipeline, _ = make_pipeline(case.name, [*case.settings, *weights])
+    pipeline, _ = make_pipeline(case.name, [*case.settings, *weights(case, one_car)])
     pipeline.start(rig, LOG)
     assert isinstance(pipeline, UsesSensors)
     used = pipeline.used_sensors()
@@ -214,7 +224,7 @@ SENSORS = {"C": ("cam",), "L": ("lidar",), "R": ("radar",), "S": ("left", "right
 AWAY = [(case, kind) for case in CASES for kind in dict.fromkeys((*case.uses, case.uses))]
 
 
-@pytest.mark.parametrize(("case", "kinds"), AWAY, ids=lambda value: value if isinstance(value, str) else value.name)
+@pytest.mark.parametrize(("case", "kinds"), AWAY, ids=str)
 def test_sensors_that_are_away_for_a_second(case: Case, kinds: str, one_car: Path):
     frames, away = drive(case, 14), {name for kind in kinds for name in SENSORS[kind]}
     for index in range(2, 12):

@@ -1,0 +1,86 @@
+"""F1 and MOTA of a suite's pipelines by weather, and how far they are ahead of one another, with intervals over drives.
+
+    fbench bench suite.toml -o runs/learned --jobs 2
+    python benchmarks/bench_learned.py runs/learned [--base camera2d,late2d] [--resamples 3000]
+
+The suite's logs are named WORLD-WEATHER-SEED, as the city names them; world and seed are the drive, of which every
+weather is a log. Prints tables in Markdown, in the image where a pipeline's boxes are scored there, else in 3D.
+"""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import TypeAlias
+
+import pandas as pd
+
+from fbench.metrics.core.bootstrap import Bootstrap
+from fbench.metrics.robustness.scenes import ScoredRun, difference, pool, spaces_of
+from fbench.replay.data.scores import Figure
+from fbench.replay.runs.folder import Run
+
+Runs: TypeAlias = Mapping[tuple[str, str], Sequence[ScoredRun]]
+"""By pipeline and weather."""
+ALL = "all"
+
+
+def read_runs(folder: Path) -> dict[tuple[str, str], list[ScoredRun]]:
+    """Read the runs of a suite, each also as one of all weathers."""
+    found = dict[tuple[str, str], list[ScoredRun]]()
+    for cell in pd.read_parquet(folder / "cells.parquet").itertuples():
+        if cell.state != "replayed":
+            continue
+        world, weather, seed = str(cell.log).split("-", 1)[0], *str(cell.log).split("-", 1)[1].rsplit("-", 1)
+        weather = weather if cell.condition == "clear" else f"{weather}, {cell.condition}"
+        run = ScoredRun(str(cell.pipeline), weather, f"{world}-{seed}", Run(folder / str(cell.run)).scores)
+        for name in (weather, ALL):
+            found.setdefault((run.configuration, name), []).append(run)
+    return found
+
+
+def show(figure: Figure, sign: str = "") -> str:
+    """A figure in % with the ends of its interval."""
+    if figure.value is None:
+        return "–"
+    value, *ends = (
+        "" if number is None else format(100 * number, f"{sign}.1f")
+        for number in (figure.value, figure.low, figure.high)
+    )
+    return f"{value} ({' to '.join(ends)})" if all(ends) else value
+
+
+def print_table(title: str, weathers: Sequence[str], rows: Mapping[str, Sequence[str]]) -> None:
+    print(f"\n| {title} | {' | '.join(weathers)} |\n|---|{'---:|' * len(weathers)}")
+    for name, cells in rows.items():
+        print(f"| `{name}` | {' | '.join(cells)} |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--base", default="camera2d", help="pipelines to which the others are compared")
+    parser.add_argument("--resamples", type=int, default=3000)
+    asked = parser.parse_args()
+    runs, how = read_runs(asked.folder), Bootstrap(num=asked.resamples)
+    names = list(dict.fromkeys(name for name, _ in runs))
+    weathers = [*(weather for weather in dict.fromkeys(own for _, own in runs) if weather != ALL), ALL]
+    spaces = {name: spaces_of(runs[name, ALL])[0] for name in names}
+    drives = {run.scene for own in runs.values() for run in own}
+    print(f"{len(drives)} drives; in brackets 95% of {how.num} resamples of them")
+    for metric in ("f1", "mota"):
+        rows = {
+            name: [show(pool(runs.get((name, w), ()), metric, spaces[name], how)) for w in weathers] for name in names
+        }
+        print_table(f"{metric.upper()}, %", weathers, rows)
+    for base in asked.base.split(","):
+        others = [name for name in names if name != base and spaces[name] == spaces.get(base)]
+        rows = {name: [] for name in others}
+        for name, weather in product(others, weathers):
+            head, its_runs = (runs.get((own, weather), ()) for own in (name, base))
+            rows[name].append(show(difference(head, its_runs, spaces[name], how), "+"))
+        print_table(f"F1 over {base}", weathers, rows)
+
+
+if __name__ == "__main__":
+    main()
