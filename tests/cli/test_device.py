@@ -116,7 +116,7 @@ class _Runtime:
         return SimpleNamespace(get_providers=lambda: self.used)
 
 
-def test_cuda_runs_without_tf32_and_without_a_search_for_algorithms(monkeypatch):
+def test_cuda_runs_without_tf32_and_without_timing_algorithms(monkeypatch):
     runtime = _Runtime(CUDA, CPU)
     monkeypatch.setattr(providers, "onnxruntime", runtime)
     for module in (providers, manifest):
@@ -126,7 +126,7 @@ def test_cuda_runs_without_tf32_and_without_a_search_for_algorithms(monkeypatch)
         open_session(b"", None)
         entry = manifest.execution_entry()
     (name, options), last = runtime.asked
-    assert (name, last, options["use_tf32"], options["cudnn_conv_algo_search"]) == (CUDA, CPU, "0", "DEFAULT")
+    assert (name, last, options["use_tf32"], options["cudnn_conv_algo_search"]) == (CUDA, CPU, "0", "HEURISTIC")
     assert (entry.device, entry.provider, entry.cuda, str(entry)) == ("cuda", CUDA, CARD, "cuda (Card 9000)")
     assert "one type of card" in entry.determinism
     assert current_execution().providers == [], "that of the block alone"

@@ -24,9 +24,6 @@ heading that points to x > 0; velocity [10 m/s]; logit of its being known.
 """
 NUM_OUTPUTS = 20
 MAX_PEAKS = 300  # Of one frame; the surest count
-_SHORTEST_M = 0.3
-"""No road user is shorter. The built-in network learned to see a box of 0.1 m at the body's origin in every frame, from
-padding that its training took for objects."""
 _LARGEST = 3.2  # Of the logarithm of a size: 25 m
 
 
@@ -56,7 +53,6 @@ def decode(output: Float32, params: DecodingParams) -> Boxes3D:
         np.column_stack([x, y, found[HEIGHT]]), np.exp(np.clip(found[SIZE], -_LARGEST, _LARGEST)).T, yaw,
         velocity_mps=velocity, label=np.array(CLASSES)[found[KINDS].argmax(axis=0)], score=found[SCORE],
     )  # fmt: skip
-    boxes = boxes[boxes.size_lwh_m[:, 0] >= _SHORTEST_M]
     return boxes[suppress(iou_bev(boxes, boxes) > params.max_iou)]
 
 
