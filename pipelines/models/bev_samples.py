@@ -1,6 +1,6 @@
 """Points and truth of a training of the bird's-eye network, and the inputs of each step."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,33 +9,19 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.models.samples import Sample, make_ahead, make_sample, require_objects
+from fbench.pipelines.models.measured_logs import measure_log
+from fbench.pipelines.models.samples import make_ahead
 from fbench.pipelines.models.settings import LoopSettings
 from fbench.pipelines.sensors.bev.decoding import CLASSES
 from fbench.pipelines.sensors.bev.grid import REACH_M, SLICES_M, BevPoints
-from fbench.pipelines.sensors.bev.stage import BevInput, BevMeasurement
-from fbench.pipelines.sensors.camera.channels import project_points
-from fbench.pipelines.sensors.lidar.stage import LidarParams
-from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.merged import viewpoint
-from fbench.pipelines.sensors.radar.stage import RadarParams
-from fbench.pipelines.variants.learned3d import Learned3DParams
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.params import StageClock
-from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.data.frames import Frame
-from fbench.replay.data.messages import Image, Truth
-from fbench.replay.data.rig import LogInfo, Rig
-from fbench.replay.engine.clock import Clock
-from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.engine.frames import FrameStream
+from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import not_projectable, project_body
 from fbench.replay.geometry.kernels import kernel
-from fbench.replay.setup.source import LogRequest, log_source
 
 Sensors = Literal["both", "lidar", "radar"]
 
@@ -79,58 +65,8 @@ def bev_samples(logs: Sequence[Path], threads: int = 1) -> list[BevSample]:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _MeasuredLog:
-    """A log, what its LiDARs and radars measured in each frame, and what is true there."""
-
-    rig: Rig
-    info: LogInfo
-    frames: Mapping[int, Frame]
-    points: Mapping[int, tuple[BevMeasurement, BevPoints, Plane]]
-    truths: Sequence[tuple[int, Truth]]
-
-
-def _measure_log(path: Path) -> _MeasuredLog:
-    source = log_source(LogRequest(path))
-    faults = FaultLog()
-    reader = source.open(faults)
-    sync = source.sync_params(None, None, None, None)
-    stream = FrameStream(reader, sync, source.stamps(None, ()), Excerpt(), Clock(), faults)
-    rig, info = reader.rig, reader.info
-    kinds = {rig.mounts[name].kind for name in rig.sensors("lidar", "radar")}
-    sensors = "both" if len(kinds) == 2 else next(iter(kinds), "both")
-    prepare = BevInput(rig, info, sensors, LidarParams(), RadarParams(), SensorSettings(Learned3DParams(), rig))
-    frames, points = {}, {}
-    for frame in stream.frames(reader):
-        seen = prepare.measure(frame, StageClock())
-        frames[frame.index], points[frame.index] = frame, (seen, *prepare.prepare(seen, StageClock()))
-    return _MeasuredLog(rig, info, frames, points, [(i, t) for i, t in stream.labels(reader) if i in frames])
-
-
-def rgbd_samples(logs: Sequence[Path], threads: int = 1) -> list[Sample]:
-    """Read all images of logs with the points that their cameras would see, where there is 2D truth. Raises LogError
-    where there are none, nothing is to be found, or a log has no LiDAR or radar.
-    """
-    with ThreadPoolExecutor(threads, "fbench-logs") as pool:
-        return require_objects([sample for part in pool.map(_pair_images, logs) for sample in part])
-
-
-def _pair_images(path: Path) -> list[Sample]:
-    log, found = _measure_log(path), []
-    truths = [(index, truth.boxes2d) for index, truth in log.truths if truth.boxes2d is not None]
-    labeled = sorted({str(camera) for _, boxes in truths for camera in boxes.camera})
-    for index, boxes in truths:
-        seen, _, plane = log.points[index]
-        for camera in labeled:
-            image = log.frames[index].messages.get(camera)
-            if isinstance(image, Image):
-                name = f"{log.info.name} {log.info.log_id} {camera} {image.stamp_ns}"
-                found.append(make_sample(name, image, boxes, project_points(log.rig, camera, seen, plane)))
-    return found
-
-
 def _read_log(path: Path) -> list[BevSample]:
-    log = _measure_log(path)
+    log = measure_log(path)
     rig, info = log.rig, log.info
     truths = [(index, truth) for index, truth in log.truths if truth.boxes3d is not None]
     centers = [t.boxes3d.center_m for _, t in truths if t.boxes3d is not None]

@@ -101,11 +101,8 @@ def loss(output: Tensor, targets: BevTargets) -> Tensor:
     return of_scores + 0.5 * (weight * each).sum() / weight.sum().clamp(min=1)
 
 
-@dataclass(eq=False)
 class BevTraining(Loop[BevSample, BevSettings, BevNetwork, list[BevView]]):
     """The bird's-eye network under way."""
-
-    threads: int = 2
 
     def make_network(self) -> BevNetwork:
         """Return the network with its first weights."""

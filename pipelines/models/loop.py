@@ -44,6 +44,7 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
     samples: Sequence[Example]
     settings: Settings
     device: str = "cpu"
+    threads: int = 2  # That make the batches
 
     def __post_init__(self) -> None:
         torch.manual_seed(self.settings.seed)

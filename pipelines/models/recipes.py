@@ -11,9 +11,10 @@ from typing import Any, Literal
 import torch
 
 from fbench.pipelines.models import bev_network, network
-from fbench.pipelines.models.bev_samples import BevSettings, bev_samples, rgbd_samples
+from fbench.pipelines.models.bev_samples import BevSettings, bev_samples
 from fbench.pipelines.models.bev_train import BevTraining
 from fbench.pipelines.models.loop import Loop
+from fbench.pipelines.models.measured_logs import rgbd_samples
 from fbench.pipelines.models.samples import RgbdSettings, TrainingSettings, samples
 from fbench.pipelines.models.train import Training
 

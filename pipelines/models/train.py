@@ -11,6 +11,7 @@ from torch.nn import functional
 from fbench.pipelines.models.loop import Loop
 from fbench.pipelines.models.network import CityDetector, cell_strides, cells
 from fbench.pipelines.models.samples import CLASSES, Batcher, RgbdSettings, Sample, TrainingSettings, View
+from fbench.pipelines.sensors.camera.channels import NUM_CHANNELS
 from fbench.replay.data.arrays import Array
 
 _RADIUS = 1.5  # Strides from the middle of an object within which cells shall find it
@@ -98,15 +99,12 @@ def giou(a: Tensor, b: Tensor) -> Tensor:
     return shared / union.clamp(min=1e-6) - (hull - union) / hull.clamp(min=1e-6)
 
 
-@dataclass(eq=False)
 class Training(Loop[Sample, TrainingSettings, CityDetector, list[View]]):
     """The city's camera detector under way, with points or without."""
 
-    threads: int = 2
-
     def make_network(self) -> CityDetector:
         """Return the network with its first weights."""
-        return CityDetector(len(CLASSES), 5 if isinstance(self.settings, RgbdSettings) else 3)
+        return CityDetector(len(CLASSES), 3 + NUM_CHANNELS * isinstance(self.settings, RgbdSettings))
 
     def batches(self, first: int, last: int) -> Iterator[list[View]]:
         """Yield the views of steps `first` to before `last`."""
