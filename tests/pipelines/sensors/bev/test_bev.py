@@ -68,10 +68,8 @@ def test_a_peak_becomes_the_box_that_its_cell_describes():
 def test_of_equal_neighbors_one_is_a_peak_and_of_overlapping_boxes_the_surest_stays():
     output = blank()
     output[0, 10, 10:13] = 0.6
-    output[0, 90, 90] = 0.9
     output[0, 50, 50], output[0, 50, 53] = 0.6, 0.8
     output[decoding.SIZE, 50] = np.log([2, 9, 2])[:, None]
-    output[decoding.SIZE, 90] = np.log(0.2)  # smaller than any road user
     output[decoding.AXIS, 10:51] = np.array([0, 1])[:, None, None]
     boxes = decode(output, DecodingParams(0.5, 0.15))
     places = [(round(float(x) + 51.5), round(float(y) + 51.5)) for x, y, _ in boxes.center_m]
