@@ -72,12 +72,20 @@ class FusionPipeline(TrackingPipeline[B]):
         self._cameras.require_projections()
         self.missing, self.weights = self._cameras.missing, self._cameras.identity
 
+    def _see(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> Any:
+        """What cameras see by themselves."""
+        return self._cameras.view(frame, clock, faults)
+
+    def _look(self, seen: tuple[Any, ...], clock: StageClock) -> tuple[Any, ...]:
+        """What is seen where cameras know what other sensors measured; by default that makes no difference."""
+        return seen
+
     def _view(
         self, frame: Frame, clock: StageClock, faults: list[Fault], *others: Callable[[Frame, StageClock], Any]
     ) -> tuple[Any, ...]:
         """Return what the cameras see, by name, and what `others` give; a corrupt image is one of the `faults`."""
-        views: list[Callable[..., Any]] = [partial(self._cameras.view, faults=faults), *others]
-        found = self._branches.run(clock, *(partial(view, frame) for view in views))
+        views: list[Callable[..., Any]] = [partial(self._see, faults=faults), *others]
+        found = self._look(self._branches.run(clock, *(partial(view, frame) for view in views)), clock)
         for kind, view in zip(self.kinds, found, strict=True):
             clock.note(kind, view)
         return found
@@ -145,6 +153,11 @@ class OneCloudParams(AllSensorsParams):
     the model where `judge` doesn't say otherwise. Points are grouped as `fusion.density` says, not `lidar.cluster`."""
     radar: RadarParams = field(default_factory=RadarParams)
     """How echoes are prepared and which of them move; they are grouped as `fusion.density` says."""
+    detector: Literal["rgb", "rgbd"] = "rgb"
+    """What cameras look at: `rgb`, their images, or `rgbd`, with points of LiDARs and radars as two more channels. Then
+    `rgbd` counts instead of `camera`, and those of single cameras are those of `rgbd`.
+    """
+    rgbd: RgbdParams = field(default_factory=RgbdParams)  # The network of `detector=rgbd`.
     stereo_pair: Literal["auto", "on", "off"] = "auto"
     """Whether depth by a stereo pair joins the cloud: `on`, `off`, or `auto`, where the rig has a pair and no LiDAR."""
     stereo: StereoParams = field(default_factory=StereoParams)  # Depth by stereo.
@@ -158,12 +171,18 @@ class OneCloud(FusionPipeline[B]):
     def __init__(self, params: OneCloudParams, fusion: EarlyParams, tracker: Tracker[B, Any]) -> None:
         super().__init__(params, fusion.camera_share, tracker)
         self._one_cloud, self._echoes = params, fusion.echoes
+        self._network = RgbdStage(params.rgbd, fusion.camera_share) if params.detector == "rgbd" else None
+        if self._network is not None:
+            if params.camera.weights != AUTO:
+                raise ConfigError("camera.weights: detector=rgbd has a network of its own, set rgbd.weights")
+            self._cameras = self._network.cameras
         self._learning: tuple[Memory, ...] = ()  # Of what is made of the cloud
         self._pair: tuple[str, ...] = ()  # Cameras that give depth
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig. Raises ConfigError where a camera that is named isn't there. Raises LogError
-        where it has no LiDAR, radar or pair of cameras, or a camera that is to be used can't be projected into.
+        """Take all sensors of the rig. Raises ConfigError where a camera that is named isn't there, or `detector=rgbd`
+        has no weights for this log. Raises LogError where it has no LiDAR, radar or pair of cameras, or a camera that
+        is to be used can't be projected into.
         """
         params, settings = self._one_cloud, SensorSettings(self._one_cloud, rig)
         is_auto = params.stereo_pair == "auto" and not rig.sensors("lidar") and bool(pairs(rig))
@@ -175,7 +194,11 @@ class OneCloud(FusionPipeline[B]):
         self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
         self._radar, self._pair = RadarStage(rig, log_info, params.radar, settings), self._depth.pair
-        self._remember(self._depth, *self._learning)
+        learning = self._learning
+        if self._network is not None:
+            self._network.start(self.name, rig)
+            learning = (*learning, self._network)
+        self._remember(self._depth, *learning)
         super().start(rig, log_info)
 
     def required_sensors(self) -> tuple[str, ...]:
@@ -188,8 +211,19 @@ class OneCloud(FusionPipeline[B]):
         views = self._view(frame, clock, of_images, find_depth, self._radar.echoes)
         return views, tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
 
+    def _see(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> Any:
+        return (self._network or self._cameras).view(frame, clock, faults)
+
+    def _look(self, seen: tuple[Any, ...], clock: StageClock) -> tuple[Any, ...]:
+        if self._network is None:
+            return seen
+        images, depth, echoes = seen
+        return self._network.look(images, depth, echoes, clock), depth, echoes
+
     def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[B]:
         (cameras, depth, echoes), faults = seen
+        if self._network is not None:
+            cameras = self._network.conclude(cameras, clock)
         with clock.stage("fuse"):
             stage, depth = self._depth, self._depth.remember(depth)
             plane, tall_echoes = find_dense_ground(echoes, depth.plane)
@@ -208,39 +242,23 @@ class OneCloud(FusionPipeline[B]):
 class Early2DParams(OneCloudParams):
     """Parameters of `early2d`."""
 
-    detector: Literal["cloud", "rgbd"] = "cloud"
-    """Where points and images meet: `cloud`, in space, where points are labeled and grouped, or `rgbd`, in a network
-    that gets points as two more channels of each image. Then the parameters `camera`, `fusion` and `stereo` mean
-    nothing, and those of single cameras are those of `rgbd`.
-    """
-    rgbd: RgbdParams = field(default_factory=RgbdParams)  # That network.
     fusion: EarlyImageParams = field(default_factory=EarlyImageParams)  # How one cloud becomes objects in images.
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 class Early2D(OneCloud[Boxes2D]):
     """Labeled boxes in the images of all cameras, with distance and range rate, around the objects of one cloud of all
-    sensors, and around what only cameras see. What no camera sees is labeled by shape. With `detector=rgbd`, what a
-    network sees in images with the points drawn into them; a LiDAR or radar must be there.
+    sensors, and around what only cameras see. What no camera sees is labeled by shape.
     """
 
     name = "early2d"
 
     def __init__(self, params: Early2DParams = Early2DParams()) -> None:
-        self._params, self._has_network = params, params.detector == "rgbd"
-        if self._has_network:
-            _require_no_cloud(params)
         super().__init__(params, params.fusion, Tracker2D(params.tracking))
-        if self._has_network:
-            self._cameras = CameraStage(params.rgbd)
+        self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig. Raises LogError where no camera can be projected into; see `OneCloud.start`.
-        Raises ConfigError where `detector=rgbd` has no weights for this log.
-        """
-        if self._has_network:
-            self._start_network(rig, log_info)
-            return
+        """Take all sensors of the rig. Raises LogError where no camera can be projected into; see `OneCloud.start`."""
         fusion = self._params.fusion
         usual: Literal["points", "boxes"] = "points" if SIMULATED in log_info.metadata else "boxes"
         fusion = replace(fusion, outline=fusion.outline or usual)
@@ -248,37 +266,9 @@ class Early2D(OneCloud[Boxes2D]):
         self._learning = (self._fusion,)
         super().start(rig, log_info)
 
-    def _start_network(self, rig: Rig, log_info: LogInfo) -> None:
-        params, settings = self._params, SensorSettings(self._params, rig)
-        projectable(self.name, rig, log_info)
-        require(self.name, ("lidar", "radar"), rig, log_info)
-        self._start_cameras(rig, log_info, settings)
-        if not self._cameras.used:
-            raise ConfigError("early2d with detector=rgbd needs a network for this log: --set rgbd.weights=FILE.onnx")
-        used = self._cameras.used
-        self._network = RgbdStage(rig, log_info, used, params.lidar, params.radar, settings, self._branches)
-        self._remember(self._network)
-        FusionPipeline.start(self, rig, log_info)
-
-    def _detect(self, frame: Frame, clock: StageClock) -> Any:
-        return self._network.view(frame, clock) if self._has_network else super()._detect(frame, clock)
-
-    def _combine(self, seen: Any, clock: StageClock) -> Detected[Boxes2D]:
-        return self._network.detect(seen, clock) if self._has_network else super()._combine(seen, clock)
-
     def _fuse(self, scene: Scene, depth: DepthView) -> Boxes2D:
         rays = {name: Rays.of(self._rig, name, depth.measured) for name in scene.cameras}
         return self._fusion.fuse(scene, rays)
-
-
-def _require_no_cloud(params: Early2DParams) -> None:
-    """Refuse what would have no effect with `detector=rgbd`. Raises ConfigError."""
-    if params.camera.weights != AUTO:
-        raise ConfigError("camera.weights: detector=rgbd has a network of its own, set rgbd.weights")
-    if params.lidar.detector != "clusters":
-        raise ConfigError(f"lidar.detector={params.lidar.detector}: detector=rgbd detects in images, with all sensors")
-    if params.stereo_pair == "on":
-        raise ConfigError("stereo_pair=on: detector=rgbd knows depth by LiDAR and radar only")
 
 
 @dataclass(frozen=True)

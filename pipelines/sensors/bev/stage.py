@@ -17,7 +17,7 @@ from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import Kind, LogInfo, Rig
 
-_FLAT = Plane(0.0, 0.0, 0.0)  # Where no LiDAR has told yet
+FLAT = Plane(0.0, 0.0, 0.0)  # Where no LiDAR has told yet
 KINDS: dict[str, tuple[Kind, ...]] = {"both": ("lidar", "radar"), "lidar": ("lidar",), "radar": ("radar",)}
 
 
@@ -56,7 +56,7 @@ class BevInput:
 
     def reset(self) -> None:
         """Forget how the ground lies, and how the body moves."""
-        self._plane = _FLAT
+        self._plane = FLAT
         if self._lidar is not None:
             self._lidar.reset()
 

@@ -82,6 +82,7 @@ class Obstacles:
     height_m: Float64  # (N,) above ground [m]
     tall: Float64  # (M, 3) [m] points above the height of cars
     rows: Float32 = field(default_factory=lambda: NO_LIDAR)  # (K, 3) x, y and height above ground [m] of all points
+    every_height_m: Float64 = field(default_factory=lambda: np.zeros(0))  # (K,) above ground [m] of all points
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
     top = params.cluster.max_height_m
     standing = near & (height > params.ground.tolerance_m) & (height < top)
     rows, tall = np.flatnonzero(standing), np.flatnonzero(near & (height >= top) & (height < 2.5 * top))
-    found = Obstacles(plane, xyz.take(rows, axis=0), height.take(rows), xyz.take(tall, axis=0))
+    found = Obstacles(plane, xyz.take(rows, axis=0), height.take(rows), xyz.take(tall, axis=0), every_height_m=height)
     return found if params.detector == "clusters" else replace(found, rows=lidar_rows(xyz, height))
 
 
