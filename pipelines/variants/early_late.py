@@ -15,7 +15,7 @@ from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import AUTO, resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
-from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar
+from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, resolve_min_echoes
 from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, Rays, projectable
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.parallel import Branches
@@ -124,7 +124,7 @@ class Late2D(FusionPipeline[Boxes2D]):
         self._fusion = ImageFusion(rig, cameras, params.fusion)
         self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings)
         echoes = RadarStage(rig, log_info, params.radar, settings)
-        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
+        self._radar = RadarInImages(rig, log_info, cameras, echoes, params.radar, params.radar_image)
         self._remember(self._fusion, self._lidar)
         super().start(rig, log_info)
 
@@ -194,6 +194,7 @@ class OneCloud(FusionPipeline[B]):
         self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
         self._radar, self._pair = RadarStage(rig, log_info, params.radar, settings), self._depth.pair
+        self._min_echoes = resolve_min_echoes(None, log_info)
         learning = self._learning
         if self._network is not None:
             self._network.start(self.name, rig)
@@ -226,7 +227,7 @@ class OneCloud(FusionPipeline[B]):
             cameras = self._network.conclude(cameras, clock)
         with clock.stage("fuse"):
             stage, depth = self._depth, self._depth.remember(depth)
-            plane, tall_echoes = find_dense_ground(echoes, depth.plane)
+            plane, tall_echoes = find_dense_ground(echoes, depth.plane, self._min_echoes)
             depth = replace(depth, plane=plane)
             cloud = merge_clouds(depth, echoes, self._one_cloud.radar.min_speed_mps, self._echoes)
             scene = Scene(self._rig, cameras, cloud, plane, depth.lidar.tall, stage.eye_m, stage.shapes, tall_echoes)

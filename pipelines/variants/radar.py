@@ -62,7 +62,7 @@ class Radar2D(TrackingPipeline[Boxes2D]):
         require("radar2d", ("radar",), rig, log_info)
         cameras, params = projectable("radar2d", rig, log_info), self._params
         echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))
-        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
+        self._radar = RadarInImages(rig, log_info, cameras, echoes, params.radar, params.radar_image)
         super().start(rig, log_info)
 
     def warnings(self) -> tuple[Fault, ...]:

@@ -88,14 +88,16 @@ def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: fl
     return FusedCloud.join([dense, every[moving | standing]])
 
 
-_DENSE = RadarImageParams()  # From how many echoes on a radar shows the ground and shapes
+_DENSE = RadarImageParams()  # How a radar shows the ground and shapes
 
 
-def find_dense_ground(echoes: Compensated | None, plane: Plane | None) -> tuple[Plane | None, Float64 | None]:
+def find_dense_ground(
+    echoes: Compensated | None, plane: Plane | None, min_echoes: int
+) -> tuple[Plane | None, Float64 | None]:
     """The ground, by radar where nothing else shows it, and echoes (K, 3) above the height of vehicles [m]; `None`
-    where the echoes are too few to show ground and shapes.
+    where there are fewer than `min_echoes`, too few to show ground and shapes.
     """
-    if echoes is None or len(echoes.xyz) < _DENSE.min_echoes:
+    if echoes is None or len(echoes.xyz) < min_echoes:
         return plane, None
     if plane is None:
         plane = find_ground(echoes.xyz[lexicographic_order(*echoes.xyz.T)], _DENSE.ground)[0]

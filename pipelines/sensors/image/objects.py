@@ -69,10 +69,10 @@ def of_lidar(found: Obstacles, viewpoint: Float64) -> Cloud:
 
 
 def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: float, params: RadarImageParams) -> Cloud:
-    """Cloud of what radars at `viewpoint` (3,) [m] measured; no points where they are too few to tell the ground. The
-    order of echoes doesn't matter.
+    """Cloud of what radars at `viewpoint` (3,) [m] measured; no points where they don't tell the ground. The order of
+    echoes doesn't matter.
     """
-    if echoes is None or len(echoes.xyz) < max(params.min_echoes, 1):
+    if echoes is None or not len(echoes.xyz):
         return empty_cloud()
     order = lexicographic_order(*echoes.xyz.T, echoes.range_rate_mps)
     xyz = echoes.xyz.take(order, axis=0)

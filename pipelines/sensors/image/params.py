@@ -105,12 +105,20 @@ class RadarImageParams(CheckedParams, prefix="radar_image"):
     """How echoes are grouped; those that move apart from those that stand still."""
     ground: GroundParams = _RADAR_GROUND  # How the ground is found.
     max_height_m: float = in_range(4.5, 0.1, 100)  # Echoes higher above the ground [m] are left out.
-    min_echoes: int = in_range(5000, 0, 1e9)
+    min_echoes: int | None = in_range(None, 0, 1e9)
     """With fewer echoes in a frame nothing tells where the ground is, nor what shape things have: clusters are found
-    as in `radar3d`, completed to vehicles and projected."""
+    as in `radar3d`, completed to vehicles and projected; none: 1,000 in simulated logs, whose radars are exact about
+    heights, else 5,000."""
     shape: ShapeParams = _RADAR_SHAPE
     """What a group must look like; of one that moves, only how large it is and of how many echoes."""
     margin_px: float = in_range(2.5, 0, 1000)  # By so much outlines are wider than their echoes on each side [px].
+
+
+def resolve_min_echoes(asked: int | None, log_info: LogInfo) -> int:
+    """From how many echoes in a frame on a radar of this log shows the ground and shapes."""
+    if asked is not None:
+        return asked
+    return 1000 if SIMULATED in log_info.metadata else 5000
 
 
 def resolve_grouping(

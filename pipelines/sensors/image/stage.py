@@ -8,7 +8,12 @@ import numpy as np
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Cloud, Spots, of_lidar, of_radar, spots
-from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, resolve_grouping
+from fbench.pipelines.sensors.image.params import (
+    LidarImageParams,
+    RadarImageParams,
+    resolve_grouping,
+    resolve_min_echoes,
+)
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, LidarView
 from fbench.pipelines.sensors.odds import log_odds
 from fbench.pipelines.sensors.points.grid import lexicographic_order
@@ -273,9 +278,11 @@ class RadarInImages:
     """Clusters of radar echoes in images; of sparse radars what they see in space, projected."""
 
     def __init__(
-        self, rig: Rig, cameras: tuple[str, ...], stage: RadarStage, params: RadarParams, image: RadarImageParams
-    ) -> None:
+        self, rig: Rig, log_info: LogInfo, cameras: tuple[str, ...], stage: RadarStage, params: RadarParams,
+        image: RadarImageParams,
+    ) -> None:  # fmt: skip
         self._rig, self._cameras, self._stage, self._radar, self._image = rig, cameras, stage, params, image
+        self._min_echoes = resolve_min_echoes(image.min_echoes, log_info)
         self._viewpoint = viewpoint(rig, "radar")
         self._num = self._num_sparse = 0
 
@@ -289,7 +296,7 @@ class RadarInImages:
         if 2 * self._num_sparse <= self._num:
             return ()
         text = (
-            f"radar: fewer than {self._image.min_echoes} echoes in {self._num_sparse} of {self._num} frames "
+            f"radar: fewer than {self._min_echoes} echoes in {self._num_sparse} of {self._num} frames "
             "(radar_image.min_echoes); radar3d shows what it finds in space"
         )
         return (Fault("PRD006", text),)
@@ -300,7 +307,8 @@ class RadarInImages:
         if echoes is None:
             return InImages()
         with clock.stage("preprocess"):
-            cloud = of_radar(echoes, self._viewpoint, self._radar.min_speed_mps, self._image)
+            enough = echoes if len(echoes.xyz) >= self._min_echoes else None
+            cloud = of_radar(enough, self._viewpoint, self._radar.min_speed_mps, self._image)
         with clock.stage("detect.radar"):
             if cloud.plane is not None:
                 return replace(_find_spots(self._rig, self._cameras, cloud, Source.R, self._image), is_sparse=False)

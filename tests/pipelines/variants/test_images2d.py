@@ -11,7 +11,7 @@ import pytest
 from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
-from fbench.pipelines.sensors.image.params import LidarImageParams
+from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
 from fbench.pipelines.variants.early_late import Early2D, Early2DParams, Late2D, Late2DParams
 from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams
 from fbench.pipelines.variants.radar import Radar2D, Radar2DParams
@@ -75,7 +75,19 @@ def test_a_sparse_radar_sees_the_car_and_that_it_approaches_the_own_one():
     assert output.detections.distance_m[0] == pytest.approx(21.5, abs=0.6)
     assert output.detections.sources.tolist() == [4]
     (warning,) = pipeline.warnings()
-    assert (warning.code, "in 1 of 1 frames" in warning.where) == ("PRD006", True)
+    assert (warning.code, "fewer than 5000 echoes in 1 of 1 frames" in warning.where) == ("PRD006", True)
+
+
+def test_from_how_many_echoes_on_radars_outline_is_known_of_simulated_ones():
+    simulated = Radar2D(Radar2DParams(min_score=0.3))
+    simulated.start(rig("cam", "radar"), LogInfo("city", "id", {SIMULATED: "1"}))
+    simulated.step(frame(0, scan()))
+    (warning,) = simulated.warnings()
+    assert "fewer than 1000 echoes in 1 of 1 frames" in warning.where
+    asked = Radar2D(Radar2DParams(min_score=0.3, radar_image=RadarImageParams(min_echoes=1)))
+    asked.start(rig("cam", "radar"), LOG)
+    asked.step(frame(0, scan()))
+    assert asked.warnings() == ()
 
 
 def test_three_sensors_see_one_car(fusion: Early2D | Late2D):

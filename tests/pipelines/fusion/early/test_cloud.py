@@ -90,11 +90,11 @@ def test_only_dense_radars_show_the_ground():
     xyz = np.concatenate([road, sign])
     zero = np.zeros(len(xyz))
     radar = Compensated(xyz, xyz, zero, zero, zero > 0, zero)
-    plane, tall = find_dense_ground(radar, None)
+    plane, tall = find_dense_ground(radar, None, 5000)
     assert plane is not None
     assert tall is not None
     assert plane.z_m(np.array([[10.0, 2.0]])) == pytest.approx([-1.0], abs=0.05)
     assert tall.tolist() == sign.tolist()
     known = Plane(0.0, 0.0, -1.2)
-    assert find_dense_ground(radar, known)[0] is known
-    assert find_dense_ground(echoes([0.0] * 10), known) == (known, None)
+    assert find_dense_ground(radar, known, 5000)[0] is known
+    assert find_dense_ground(echoes([0.0] * 10), known, 5000) == (known, None)
