@@ -1,8 +1,12 @@
-"""Print the tables of docs/results.md from a suite: `python benchmarks/docs_results.py runs/suite/results.json`."""
+"""Print the tables of docs/results.md from a suite: `python benchmarks/docs_results.py runs/suite/results.json`.
+
+Rows of further files, in which some configurations were measured again, replace those of the files before.
+"""
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +43,12 @@ def own_space(name: str) -> str:
     return "image" if "2d" in name else "3D"
 
 
+def place(line: tuple[str, str]) -> tuple[int, int]:
+    """Where the line of a configuration, or of one over another, and its space stands."""
+    name = line[0].partition(" over ")[0]
+    return ("image", "3D").index(line[1]), ORDER.index(name) if name in ORDER else len(ORDER)
+
+
 def accuracy(figures: Rows) -> Iterator[str]:
     """Yield table 9.4, the configurations as written beside fbench's."""
     yield from head(
@@ -61,18 +71,18 @@ def by_column(figures: Rows, kind: Kind, *, written: bool | None = None) -> Iter
     """Yield a table with a column for each condition: of fbench's configurations, those as written, or all lines."""
     columns = list(dict.fromkeys(column for _, _, column in figures))
     yield from head("configuration", "scored", *columns, left=2)
-    for name, space in dict.fromkeys((name, space) for name, space, _ in figures):
+    for name, space in sorted(dict.fromkeys((name, space) for name, space, _ in figures), key=place):
         if written is None or (space == own_space(name) and name.startswith(WRITTEN) == written):
             cells = (show(figures, (name, space, c), kind, with_thesis=written is False) for c in columns)
             yield row(f"`{name}`", space, *cells)
 
 
-def main(path: Path) -> Iterator[str]:
-    """Yield all tables, each twice where the suite has it for road and sidewalk alone."""
-    tables: dict[str, Rows] = {
-        name: {(row["name"], row["space"], row["column"]): row for row in rows}
-        for name, rows in json.loads(path.read_text())["tables"].items()
-    }
+def main(paths: Sequence[Path]) -> Iterator[str]:
+    """Yield all tables, each twice where the suites have it for road and sidewalk alone."""
+    tables = defaultdict[str, dict[tuple[str, str, str], Mapping[str, Any]]](dict)
+    for path in paths:
+        for name, rows in json.loads(path.read_text())["tables"].items():
+            tables[name] |= {(row["name"], row["space"], row["column"]): row for row in rows}
     for part in ("", "_region"):
         if f"accuracy{part}" not in tables:
             continue
@@ -89,4 +99,4 @@ def main(path: Path) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    print("\n".join(main(Path(sys.argv[1]))))
+    print("\n".join(main([Path(path) for path in sys.argv[1:]])))
