@@ -192,27 +192,34 @@ def _depth_agreement(seen: ImageObservations) -> Float64:
 
 
 def _drop_parts(seen: ImageObservations, groups: list[Int64]) -> list[Int64]:
-    """Leave out parts of what a sure camera and another sensor show together, unless a camera is surer of the part."""
+    """Leave out parts of what a sure camera and another sensor show together, unless a camera is surer of the part; and
+    what only stereo shows of what any other sensor does.
+    """
     sure = (seen.source == int(Source.C)) & ~seen.weak
     whole = [rows for rows in groups if sure[rows[0]] and len(rows) > 1]
     boxes, depths = (np.array([rows[k] for rows in whole], np.int64) for k in (0, 1))
     share = inside_shares(seen.xyxy_px, seen.xyxy_px[boxes])
     less = ~sure[:, None] | (seen.score[:, None] < seen.score[None, boxes])
-    is_part = ((share > _PART) & (_depth_agreement(seen)[:, depths] > _AGREE) & less).any(axis=1)
+    agreement = _depth_agreement(seen)
+    is_part = ((share > _PART) & (agreement[:, depths] > _AGREE) & less).any(axis=1)
+    by_stereo = seen.source == int(Source.S)
+    others = ~by_stereo & ~seen.weak
+    within = inside_shares(seen.xyxy_px, seen.xyxy_px[others]) > _PART
+    is_part |= by_stereo & (within & (agreement[:, others] > _AGREE)).any(axis=1)
     return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
 
 
 def _object(view: ImageView, rows: Int64, camera_share: float, params: ImageFusionParams) -> ImageObject:
     seen = view.seen
     of = {Source(int(seen.source[row])): int(row) for row in rows}
-    shown = next(of[kind] for kind in (Source.C, Source.L, Source.S, Source.R) if kind in of)
     measured = [kind for kind in (Source.L, Source.R, Source.S) if kind in of]
+    upright = [of[kind] for kind in measured if seen.upright[of[kind]]]
+    shown = of.get(Source.C, next(iter(upright), int(rows[0])))
     depth, depth_std = seen.depth_m[shown], float(seen.depth_std[shown])
     if measured:
         row = of[measured[0]]
         depth, depth_std = seen.depth_m[row], float(seen.depth_std[row]) if measured[0] == Source.S else 0.0
     box: Float64 = seen.xyxy_px[shown]
-    upright = [of[kind] for kind in measured if seen.upright[of[kind]]]
     if upright and Source.C in of:  # drawn toward the outline of the points, the more the less the camera is sure
         sure = min(float(seen.score[of[Source.C]]) / SURE, 1.0)
         share = sure * params.measured_share + (1 - sure) * params.weak_measured_share
