@@ -45,6 +45,8 @@ class ImageFusionParams(CheckedParams, prefix="fusion"):
     lidar_weight: float = in_range(0.75, 0, 1)
     """Probability of what looks fully like a vehicle to LiDAR, by itself [0 to 1]."""
     radar_weight: float = in_range(0.7, 0, 1)  # The same for radar.
+    stereo_weight: float = in_range(0.7, 0, 1)
+    """The same for a stereo pair, where its error of depth is small: the evidence falls as that grows."""
     measured_share: float = in_range(0.1, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
     weak_measured_share: float = in_range(1.0, 0, 1)  # The same where the camera is least sure; in proportion between.
@@ -94,17 +96,21 @@ class ImageFusion:
         """Forget how well the cameras see."""
         self._reliability.reset()
 
-    def merge(self, working: Mapping[str, CameraDetections], lidar: InImages, radar: InImages) -> Boxes2D:
-        """Merge one frame; `working` holds the cameras that worked. Any number of boxes has the same fields."""
+    def merge(self, working: Mapping[str, CameraDetections], lidar: InImages, *others: InImages) -> Boxes2D:
+        """Merge one frame; `working` holds the cameras that worked, `others` what radars and stereo see. Any number of
+        boxes has the same fields.
+        """
         params, share = self._params, self._reliability.share
-        views = [self._view(name, working.get(name), lidar, radar) for name in self._cameras]
+        views = [self._view(name, working.get(name), lidar, others) for name in self._cameras]
         every = concatenate([fuse(view, params, share) for view in views])
         found = every if every.score is None else every[every.score >= params.min_score]
         self._reliability.learn(found[np.isin(found.camera, sorted(working))])
         return found
 
-    def _view(self, camera: str, found: CameraDetections | None, lidar: InImages, radar: InImages) -> ImageView:
-        parts = [view.seen[camera] for view in (lidar, radar) if camera in view.seen]
+    def _view(
+        self, camera: str, found: CameraDetections | None, lidar: InImages, others: Sequence[InImages]
+    ) -> ImageView:
+        parts = [view.seen[camera] for view in (lidar, *others) if camera in view.seen]
         if found is not None:
             parts.append(by_camera(found, self._rig.cameras[camera]))
         return ImageView(
@@ -119,9 +125,9 @@ class ImageFusion:
 def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) -> Boxes2D:
     """Merge what was seen into labeled boxes by falling score, with the sensors that contributed.
 
-    An object has its outline and class from the camera, its distance from LiDAR, else radar, and its range rate from
-    radar, as far as they see it. Parts of an object that a camera sees whole are left out. `camera_share`: share of
-    objects that the camera sees at present. All objects are there, whatever their score.
+    An object has its outline and class from the camera, its distance from LiDAR, else radar, else stereo, and its range
+    rate from radar, as far as they see it. Parts of an object that a camera sees whole are left out. `camera_share`:
+    share of objects that the camera sees at present. All objects are there, whatever their score.
     """
     seen = view.seen
     groups = [rows for rows in associate(seen, params.min_similarity) if len(rows) > 1 or not seen.weak[rows[0]]]
@@ -151,7 +157,8 @@ def associate(seen: ImageObservations, min_similarity: float) -> list[Int64]:
     boxes take what all others leave. Returns rows of each group, in ascending order.
     """
     alike = similarity(seen)
-    sure = np.sqrt(seen.score[:, None] * seen.score[None, :])
+    score = seen.score * seen.exactness
+    sure = np.sqrt(score[:, None] * score[None, :])
     first, second = np.nonzero(np.triu(alike >= min_similarity, 1) & (seen.source[:, None] != seen.source[None, :]))
     group = np.arange(len(seen))
     kinds = seen.source.astype(np.int64)
@@ -185,30 +192,38 @@ def _depth_agreement(seen: ImageObservations) -> Float64:
 
 
 def _drop_parts(seen: ImageObservations, groups: list[Int64]) -> list[Int64]:
-    """Leave out parts of what a sure camera and another sensor show together, unless a camera is surer of the part."""
+    """Leave out parts of what a sure camera and another sensor show together, unless a camera is surer of the part; and
+    what only stereo shows of what any other sensor does.
+    """
     sure = (seen.source == int(Source.C)) & ~seen.weak
     whole = [rows for rows in groups if sure[rows[0]] and len(rows) > 1]
     boxes, depths = (np.array([rows[k] for rows in whole], np.int64) for k in (0, 1))
     share = inside_shares(seen.xyxy_px, seen.xyxy_px[boxes])
     less = ~sure[:, None] | (seen.score[:, None] < seen.score[None, boxes])
-    is_part = ((share > _PART) & (_depth_agreement(seen)[:, depths] > _AGREE) & less).any(axis=1)
+    agreement = _depth_agreement(seen)
+    is_part = ((share > _PART) & (agreement[:, depths] > _AGREE) & less).any(axis=1)
+    by_stereo = seen.source == int(Source.S)
+    others = ~by_stereo & ~seen.weak
+    within = inside_shares(seen.xyxy_px, seen.xyxy_px[others]) > _PART
+    is_part |= by_stereo & (within & (agreement[:, others] > _AGREE)).any(axis=1)
     return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
 
 
 def _object(view: ImageView, rows: Int64, camera_share: float, params: ImageFusionParams) -> ImageObject:
     seen = view.seen
     of = {Source(int(seen.source[row])): int(row) for row in rows}
-    shown = of.get(Source.C, of.get(Source.L, int(rows[0])))
-    measured = [kind for kind in (Source.L, Source.R) if kind in of]
+    measured = [kind for kind in (Source.L, Source.R, Source.S) if kind in of]
+    upright = [of[kind] for kind in measured if seen.upright[of[kind]]]
+    shown = of.get(Source.C, next(iter(upright), int(rows[0])))
     depth, depth_std = seen.depth_m[shown], float(seen.depth_std[shown])
     if measured:
-        depth, depth_std = seen.depth_m[of[measured[0]]], 0.0
+        row = of[measured[0]]
+        depth, depth_std = seen.depth_m[row], float(seen.depth_std[row]) if measured[0] == Source.S else 0.0
     box: Float64 = seen.xyxy_px[shown]
-    upright = [of[kind] for kind in measured if seen.upright[of[kind]]]
     if upright and Source.C in of:  # drawn toward the outline of the points, the more the less the camera is sure
         sure = min(float(seen.score[of[Source.C]]) / SURE, 1.0)
         share = sure * params.measured_share + (1 - sure) * params.weak_measured_share
-        box = box + share * (seen.xyxy_px[upright[0]] - box)
+        box = box + share * seen.exactness[upright[0]] * (seen.xyxy_px[upright[0]] - box)
     return ImageObject(
         xyxy_px=box,
         label=str(seen.label[shown]),
@@ -231,11 +246,15 @@ def _score(
     params: ImageFusionParams,
 ) -> float:
     """Probability of an object, by the ratio of its odds as each sensor alone gives them to those before it looked."""
-    weight = {Source.C: 1.0, Source.L: params.lidar_weight, Source.R: params.radar_weight}
+    weight = {
+        Source.C: 1.0, Source.L: params.lidar_weight, Source.R: params.radar_weight, Source.S: params.stereo_weight
+    }  # fmt: skip
     factor = dict[Source, float]()
     for kind, row in of.items():
         said = weight[kind] * float(view.seen.score[row])
-        factor[kind] = float(np.exp(log_odds(said) - log_odds(params.prior)))
+        factor[kind] = float(np.exp(view.seen.exactness[row] * (log_odds(said) - log_odds(params.prior))))
+    if Source.S in of and len(of) > 1:  # stereo says nothing beside LiDAR, and nothing against what others see
+        factor[Source.S] = 1.0 if Source.L in of else max(factor[Source.S], 1.0)
     size_px = np.sqrt((box[2] - box[0]) * (box[3] - box[1]))
     shown = camera_share * float(saturate(size_px, params.camera_size_px))
     # A weak box never says less than none.
@@ -245,6 +264,7 @@ def _score(
             factor[kind] = max(factor[kind], 1.0)  # odd shapes say nothing against what a camera is sure of
     if Source.L not in of and view.rays is not None and view.rays.go_through(box, depth, depth_std, params.through):
         factor[Source.L] = params.unseen_by_rays
+        factor[Source.S] = min(factor.get(Source.S, 1.0), 1.0)
     return combine_factors(params.prior, factor.values())
 
 

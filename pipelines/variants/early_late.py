@@ -16,7 +16,8 @@ from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import AUTO, resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, resolve_min_echoes
-from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages, Rays, projectable
+from fbench.pipelines.sensors.image.stage import InImages, LidarInImages, RadarInImages, Rays, projectable
+from fbench.pipelines.sensors.image.stereo import StereoInImages
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.parallel import Branches
 from fbench.pipelines.sensors.points.merged import require
@@ -91,6 +92,22 @@ class FusionPipeline(TrackingPipeline[B]):
         return found
 
 
+StereoPair = Literal["auto", "on", "off"]
+
+
+def _take_pair(
+    pipeline: str, wanted: StereoPair, params: StereoParams, rig: Rig, log_info: LogInfo
+) -> StereoStage | None:
+    """Take the stereo pair of a rig, if it is to be used: `auto`, where the rig has one and no LiDAR. Raises LogError
+    where it must be there and isn't, or where nothing else measures depth.
+    """
+    is_auto = wanted == "auto" and not rig.sensors("lidar") and bool(pairs(rig))
+    if wanted == "on" or is_auto:
+        return StereoStage(rig, log_info.name, params)
+    require(pipeline, ("lidar", "radar"), rig, log_info, "a LiDAR, a radar or a stereo pair of cameras")
+    return None
+
+
 @dataclass(frozen=True)
 class Late2DParams(AllSensorsParams):
     """Parameters of `late2d`."""
@@ -99,14 +116,18 @@ class Late2DParams(AllSensorsParams):
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
     lidar_image: LidarImageParams = field(default_factory=LidarImageParams)  # Detection by LiDAR in images.
     radar_image: RadarImageParams = field(default_factory=RadarImageParams)  # Detection by radar in images.
+    stereo_pair: StereoPair = "auto"
+    """Whether a stereo pair detects, too, what LiDAR measured nothing of: `on`, `off`, or `auto`, where the rig has a
+    pair and no LiDAR."""
+    stereo: StereoParams = field(default_factory=StereoParams)  # Depth by stereo.
     fusion: ImageFusionParams = field(default_factory=ImageFusionParams)  # How the sensors' boxes become one.
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)  # The tracker, one per camera.
 
 
 class Late2D(FusionPipeline[Boxes2D]):
-    """Labeled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
-    there. Sensors detect as in `camera2d`, `lidar2d` and `radar2d`; their boxes are merged in the images, and tracked.
-    Objects without a camera's label are called cars, or trucks where they are long.
+    """Labeled boxes in the images of all cameras, with distance and range rate; a LiDAR, a radar or a stereo pair must
+    be there. Sensors detect as in `camera2d`, `lidar2d`, `radar2d` and `stereo3d`; their boxes are merged in the
+    images, and tracked. Objects without a camera's label are called cars, or trucks where they are long.
     """
 
     def __init__(self, params: Late2DParams = Late2DParams()) -> None:
@@ -114,34 +135,48 @@ class Late2D(FusionPipeline[Boxes2D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig. Raises LogError where it has no LiDAR or radar, or no camera that can be
-        projected into, or one that is to be used can't.
+        """Take all sensors of the rig. Raises ConfigError where a camera that is named isn't there. Raises LogError
+        where it has no LiDAR, radar or pair of cameras, or no camera that can be projected into, or one that is to be
+        used can't.
         """
-        require("late2d", ("lidar", "radar"), rig, log_info)
         params, settings = self._params, SensorSettings(self._params, rig)
+        pair = _take_pair("late2d", params.stereo_pair, params.stereo, rig, log_info)
         cameras = projectable("late2d", rig, log_info)
         self._start_cameras(rig, log_info, settings)
         self._fusion = ImageFusion(rig, cameras, params.fusion)
         self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings)
         echoes = RadarStage(rig, log_info, params.radar, settings)
         self._radar = RadarInImages(rig, log_info, cameras, echoes, params.radar, params.radar_image)
+        self._stereo = None if pair is None else StereoInImages(rig, cameras, pair)
         self._remember(self._fusion, self._lidar)
         super().start(rig, log_info)
+
+    def required_sensors(self) -> tuple[str, ...]:
+        """Those that it uses, and the cameras of a stereo pair, also without weights."""
+        pair = () if self._stereo is None else self._stereo.pair
+        return tuple(sorted({*super().required_sensors(), *pair}))
 
     def warnings(self) -> tuple[Fault, ...]:
         """Say where nearly all clusters of LiDAR were rejected."""
         return self._lidar.warnings()
 
     def _detect(self, frame: Frame, clock: StageClock) -> Any:
-        faults = list[Fault]()
-        return self._view(frame, clock, faults, self._lidar.view, self._radar.view), tuple(faults)
+        of_images, of_pairs = list[Fault](), list[Fault]()
+        views = self._view(frame, clock, of_images, partial(self._view_depth, faults=of_pairs), self._radar.view)
+        return views, tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
+
+    def _view_depth(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> tuple[InImages, InImages]:
+        xyz = self._lidar.points(frame, clock)
+        lidar = self._lidar.detect(xyz, clock)
+        return lidar, InImages() if self._stereo is None else self._stereo.view(frame, clock, faults, xyz)
 
     def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes2D]:
-        (cameras, lidar, radar), faults = seen
+        (cameras, (lidar, stereo), radar), faults = seen
         self._lidar.remember(lidar)
         self._radar.remember(radar)
         with clock.stage("fuse"):
-            return Detected(self._fusion.merge(cameras, lidar, radar), faults)
+            boxes = self._fusion.merge(cameras, lidar, radar, stereo)
+        return Detected(boxes, faults, dict.fromkeys(stereo.noisy, NOISE))
 
 
 @dataclass(frozen=True)
@@ -158,7 +193,7 @@ class OneCloudParams(AllSensorsParams):
     `rgbd` counts instead of `camera`, and those of single cameras are those of `rgbd`.
     """
     rgbd: RgbdParams = field(default_factory=RgbdParams)  # The network of `detector=rgbd`.
-    stereo_pair: Literal["auto", "on", "off"] = "auto"
+    stereo_pair: StereoPair = "auto"
     """Whether depth by a stereo pair joins the cloud: `on`, `off`, or `auto`, where the rig has a pair and no LiDAR."""
     stereo: StereoParams = field(default_factory=StereoParams)  # Depth by stereo.
 
@@ -185,12 +220,7 @@ class OneCloud(FusionPipeline[B]):
         is to be used can't be projected into.
         """
         params, settings = self._one_cloud, SensorSettings(self._one_cloud, rig)
-        is_auto = params.stereo_pair == "auto" and not rig.sensors("lidar") and bool(pairs(rig))
-        stereo = None
-        if params.stereo_pair == "on" or is_auto:
-            stereo = StereoStage(rig, log_info.name, params.stereo)
-        else:
-            require(self.name, ("lidar", "radar"), rig, log_info, "a LiDAR, a radar or a stereo pair of cameras")
+        stereo = _take_pair(self.name, params.stereo_pair, params.stereo, rig, log_info)
         self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
         self._radar, self._pair = RadarStage(rig, log_info, params.radar, settings), self._depth.pair

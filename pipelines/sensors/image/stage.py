@@ -53,6 +53,7 @@ class ImageObservations(Rows):
     distance_m: Float64  # (N,) from the body's origin to the middle [m]; NaN where unknown
     rate_mps: Float64  # (N,) change of the distance [m/s], positive when receding; NaN where unknown
     upright: Bool  # (N,) whether its upper and lower edge are known; sparse radars don't tell heights
+    exactness: Float64  # (N,) 0 to 1: how much its score counts against an exact one's; 1 but for stereo
 
     @property
     def weak(self) -> Bool:
@@ -66,7 +67,7 @@ class ImageObservations(Rows):
         """Boxes (N) of one kind of sensor, of which no more is known than is given."""
         num = len(score)
         columns: dict[str, Array] = dict.fromkeys(("distance_m", "rate_mps"), np.full(num, np.nan))
-        columns |= {"upright": np.ones(num, np.bool_), **known}
+        columns |= {"upright": np.ones(num, np.bool_), "exactness": np.ones(num), **known}
         return cls(np.full(num, source, np.uint8), xyxy_px, score, label, depth_m, std, **columns)
 
     @classmethod
@@ -99,7 +100,7 @@ def by_camera(found: CameraDetections, camera: CameraModel) -> ImageObservations
 
 
 def by_points(spots: Spots, source: Source) -> ImageObservations:
-    """What LiDARs or radars see in the image."""
+    """What LiDARs, radars or a stereo pair see in the image."""
     rows = np.flatnonzero(np.isfinite(spots.xyxy_px).all(axis=1) & (spots.score > 0))
     spots = spots[rows]
     label = np.where(spots.size_lwh_m[:, 0] > LONG_M, "truck", "car")
@@ -221,6 +222,7 @@ class InImages:
     rays: Mapping[str, Rays] = field(default_factory=dict)  # All points, of LiDARs only
     in_space: LidarView | None = None  # What was projected, of LiDARs only
     is_sparse: bool | None = None  # Whether there were too few echoes for the image, of radars only
+    noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise, of a stereo pair only
 
 
 class LidarInImages:
@@ -253,7 +255,14 @@ class LidarInImages:
 
     def view(self, frame: Frame, clock: StageClock) -> InImages:
         """Detect in the points of one frame."""
-        xyz = self._stage.points(frame, clock)
+        return self.detect(self.points(frame, clock), clock)
+
+    def points(self, frame: Frame, clock: StageClock) -> Float64 | None:
+        """All points (N, 3) of one frame in body coordinates [m]; `None` where no LiDAR delivered."""
+        return self._stage.points(frame, clock)
+
+    def detect(self, xyz: Float64 | None, clock: StageClock) -> InImages:
+        """Detect in such points."""
         if xyz is None:
             return InImages()
         obstacles = self._stage.obstacles(xyz, clock)

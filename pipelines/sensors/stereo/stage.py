@@ -14,7 +14,7 @@ from fbench.pipelines.sensors.stereo import depth
 from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
-from fbench.replay.data.arrays import Float64
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.images import Pixels, decode_grey
 from fbench.replay.data.messages import Image
@@ -172,3 +172,40 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     first = np.flatnonzero(np.diff(view.cluster[member], prepend=-1))
     top_m = np.maximum.reduceat((view.xyz[:, 2] - view.plane.z_m(view.xyz))[member], first)
     return replace(view, boxes=replace(view.boxes, score=score * fade(top_m, *params.least_top_m)))
+
+
+_EXACT_M = 0.3
+"""Points of stereo with such an error of depth [m] count half."""
+
+
+def rate_exactness(range_m: Float64, focal_baseline: float, sigma_px: float) -> Float64:
+    """How much points of stereo (N,) at ranges [m] count: as 1 / variance does beside a variance that all have. With
+    Z = f B / d the error of depth is Z^2 / (f B) times that of disparity [px] (thesis, stereo; any textbook).
+    """
+    error_m = range_m**2 / focal_baseline * sigma_px
+    return np.asarray(1 / (1 + (error_m / _EXACT_M) ** 2), np.float64)
+
+
+_CELL_RAD = np.radians(0.5)  # Beams of a LiDAR that isn't sparse are at most about twice as far from each other
+
+
+_CELLS = round(2 * np.pi / _CELL_RAD)  # Around
+
+
+def find_unmeasured(xyz: Float64, measured: Float64, eye_m: Float64) -> Bool:
+    """Which points (N, 3) lie in directions from `eye_m` (3,) in and beside which LiDARs measured nothing, given all
+    their points (K, 3) in the same coordinates. In the others stereo tells nothing that LiDARs don't know better.
+    """
+    is_measured = np.zeros((_CELLS, _CELLS // 2 + 3), np.bool_)
+    azimuth, elevation = _direction_cells(measured - eye_m)
+    for beside in (-1, 0, 1):
+        for above in (0, 1, 2):
+            is_measured[(azimuth + beside) % _CELLS, elevation + above] = True
+    azimuth, elevation = _direction_cells(xyz - eye_m)
+    return np.asarray(~is_measured[azimuth % _CELLS, elevation + 1], np.bool_)
+
+
+def _direction_cells(ray: Float64) -> tuple[Int64, Int64]:
+    x, y, z = ray.T
+    azimuth, elevation = np.arctan2(y, x) + np.pi, np.arctan2(z, np.hypot(x, y)) + np.pi / 2
+    return np.floor(azimuth / _CELL_RAD).astype(np.int64), np.floor(elevation / _CELL_RAD).astype(np.int64)

@@ -25,11 +25,18 @@ def camera(*boxes, score=0.8, label="car", min_score=0.6):
     return by_camera(found, CAMERA)
 
 
-def view(camera=None, lidar=None, radar=None) -> ImageView:
-    """What a camera (its observations), LiDAR and radar (clouds) see."""
+def stereo(box, depth_m=20.0, score=1.0, exactness=0.5):
+    """What a stereo pair shows of one vehicle."""
+    column = {"xyxy_px": np.array([box]), "score": np.array([score]), "label": np.array(["car"])}
+    known = {"distance_m": np.array([depth_m + 2.0]), "exactness": np.array([exactness])}
+    return ImageObservations.of(Source.S, **column, depth_m=np.array([depth_m]), std=np.array([0.1]), **known)
+
+
+def view(camera=None, lidar=None, radar=None, stereo=None) -> ImageView:
+    """What a camera and a stereo pair (their observations), LiDAR and radar (clouds) see."""
     clouds = ((Source.L, lidar), (Source.R, radar))
     parts = [by_points(spots(RIG, "cam", one, PARAMS), kind) for kind, one in clouds if one is not None]
-    parts += [] if camera is None else [camera]
+    parts += [one for one in (camera, stereo) if one is not None]
     rays = None if lidar is None else Rays.of(RIG, "cam", lidar.xyz)
     return ImageView(RIG, "cam", ImageObservations.join(parts), camera is not None, rays)
 
@@ -214,3 +221,35 @@ def test_trust_in_cameras_follows_what_lidar_and_radar_see_together():
     assert trust.share < 0.05
     trust.reset()
     assert trust.share == pytest.approx(0.9)
+
+
+def test_evidence_of_stereo_counts_by_its_exactness():
+    """Log-odds go from those of the prior, 0.3, to those of its weight, 0.7, by that share: half the way is 0.5."""
+    scores = [fuse(view(stereo=stereo(CAR, exactness=e)), ImageFusionParams()).score[0] for e in (0.0, 0.5, 1.0)]
+    assert scores == pytest.approx([0.3, 0.5, 0.7])
+    car = found(camera(CAR, score=0.6), stereo=stereo(CAR, exactness=1.0))  # at min_score, which means 0.5
+    assert odds(car.score[0]) == pytest.approx(odds(0.5) / odds(0.3) * odds(0.7))
+    assert (car.sources.tolist(), car.distance_m.tolist()) == ([9], [22.0])
+
+
+def test_beside_lidar_stereo_changes_nothing_but_the_sources():
+    for score in (0.1, 1.0):
+        with_pair, without = (found(camera(CAR), lidar=LIDAR, stereo=own) for own in (stereo(CAR, score=score), None))
+        assert (with_pair.sources.tolist(), without.sources.tolist()) == ([11], [3])
+        for name in ("xyxy_px", "score", "distance_m"):
+            np.testing.assert_array_equal(with_pair.arrays()[name], without.arrays()[name])
+
+
+def test_stereo_never_outvotes_rays_of_a_lidar_nor_an_odd_shape_what_radar_sees():
+    free = cloud(wall())
+    car = found(camera(CAR), lidar=free, stereo=stereo(CAR, exactness=1.0))
+    assert car.score[car.sources == 9] == pytest.approx(found(camera(CAR), lidar=free).score[0])
+    alone = found(radar=RADAR)
+    assert found(radar=RADAR, stereo=stereo(CAR, score=0.01)).score == pytest.approx(alone.score)
+    assert alone.score[0] < found(radar=RADAR, stereo=stereo(CAR)).score[0]
+
+
+def test_the_outline_is_drawn_to_that_of_stereo_by_its_exactness():
+    weak, wide = camera(CAR, score=0.01), [369.0, 288.0, 430.0, 319.5]
+    left = [fuse(view(weak, stereo=stereo(wide, exactness=e)), ImageFusionParams()).xyxy_px[0, 0] for e in (0.5, 1.0)]
+    assert left == pytest.approx([374.0, 369.0], abs=0.5)

@@ -164,7 +164,7 @@ def test_between_detections_tracks_stand_for_them(one_car: Path):
         (Lidar2D(), ("cam", "radar"), "lidar2d needs a LiDAR; the log has: camera cam, radar radar"),
         (Radar2D(), ("cam", "lidar"), "radar2d needs a radar; the log has"),
         (Early2D(), ("cam",), "early2d needs a LiDAR, a radar or a stereo pair of cameras; the log has: camera cam"),
-        (Late2D(), ("cam",), "late2d needs a LiDAR or a radar"),
+        (Late2D(), ("cam",), "late2d needs a LiDAR, a radar or a stereo pair of cameras; the log has: camera cam"),
         (Lidar2D(), ("lidar",), "lidar2d works in images, and the rig has no camera"),
         (Radar2D(), ("radar",), "radar2d works in images, and the rig has no camera"),
         (Early2D(), ("lidar", "radar"), "early2d works in images, and the rig has no camera"),

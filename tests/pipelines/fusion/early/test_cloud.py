@@ -7,13 +7,12 @@ from fbench.pipelines.fusion.early.cloud import (
     DepthView,
     EchoParams,
     find_dense_ground,
-    find_unmeasured,
     merge_clouds,
-    rate_exactness,
 )
 from fbench.pipelines.sensors.lidar.stage import Obstacles
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import Compensated
+from fbench.pipelines.sensors.stereo.stage import find_unmeasured, rate_exactness
 from fbench.replay.data.boxes import Source
 
 NONE = Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
