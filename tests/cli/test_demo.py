@@ -71,8 +71,8 @@ def test_drives_have_the_sensors_that_are_asked_for():
     assert make_experiment(Path("demo"), "dev", None, 1).drives == with_pair.drives
     without = make_experiment(Path("demo"), "dev", None, 1, ("camera", "lidar", "radar"))
     assert set(without.drives[0].spec.rig.names) == {"camera", "lidar", "radar"}
-    stereo = next(row for row in without.pipelines if row.name == "early3d-stereo")
-    assert stereo.settings == ("stereo_pair=on",)  # no settings of cameras that aren't there
+    for stereo in (row for row in without.pipelines if row.name in ("early3d-stereo", "late2d-stereo")):
+        assert stereo.settings == ("stereo_pair=on",)  # no settings of cameras that aren't there
     with pytest.raises(ConfigError, match="sonar"):
         make_experiment(Path("demo"), None, None, None, ("sonar",))
 
@@ -98,7 +98,8 @@ def test_full_suite_has_all_scenes_for_each_seed_of_the_split():
     assert what.conditions[-3:] == ["traffic+fog", "heavy-rain", "dense-fog"]
     assert what.command == "fbench demo --split test --num-seeds 2"
     names = {row_name(row) for row in what.pipelines}
-    assert {"late3d", "thesis/late3d", "early3d-stereo", "thesis/late2d-stereo", "thesis/late3d-filter"} <= names
+    assert {"late3d", "thesis/late3d", "early3d-stereo", "late2d-stereo", "thesis/late2d-stereo"} <= names
+    assert "thesis/late3d-filter" in names
     assert not any("thesis" in row.base for row in make_experiment(Path("demo"), None, None, None).pipelines)
 
 
@@ -124,7 +125,7 @@ def test_drives_are_disturbed_that_give_intervals_and_only_for_pipelines_that_us
     assert what.disturbances[:4] == ["clear", "dusk", "low-sun", "glare"]
     lost = [cell for cell in what.cells() if cell.disturbance == "lidar lost"]
     names = {cell.name for cell in lost}
-    assert {"lidar2d", "thesis/late3d", "early3d-stereo"} <= names
+    assert {"lidar2d", "thesis/late3d", "early3d-stereo", "late2d-stereo"} <= names
     assert not {"camera2d", "radar3d", "stereo3d"} & names
     assert {cell.request.condition for cell in lost} == {"loss.lidar:100%@1s-"}
     assert {cell.request.to for cell in lost} == {"2"}
