@@ -253,3 +253,10 @@ def test_the_outline_is_drawn_to_that_of_stereo_by_its_exactness():
     weak, wide = camera(CAR, score=0.01), [369.0, 288.0, 430.0, 319.5]
     left = [fuse(view(weak, stereo=stereo(wide, exactness=e)), ImageFusionParams()).xyxy_px[0, 0] for e in (0.5, 1.0)]
     assert left == pytest.approx([374.0, 369.0], abs=0.5)
+
+
+def test_a_part_that_only_stereo_shows_of_what_radar_sees_is_left_out():
+    parts = [stereo(CAR, exactness=1.0), stereo([403.0, 288.0, 420.0, 319.5], exactness=1.0)]
+    assert found(radar=RADAR, stereo=ImageObservations.join(parts)).sources.tolist() == [12]
+    farther = stereo([403.0, 288.0, 420.0, 319.5], depth_m=40.0, exactness=1.0)
+    assert found(radar=RADAR, stereo=ImageObservations.join([parts[0], farther])).sources.tolist() == [12, 8]
