@@ -59,10 +59,10 @@ class PlainText:
 
     def texts(self, column: int) -> tuple[Text, Int64]:
         """Return the different texts (U,) and which of them each row (N,) has."""
-        found = self.table.column(column).combine_chunks()
-        if not pa.types.is_string(found.type) or found.null_count:
+        found = self.table.column(column)
+        if not pa.types.is_dictionary(found.type) or found.null_count or found.num_chunks != 1:
             raise IrregularError
-        coded = found.dictionary_encode()
+        coded = found.chunk(0)
         words = coded.dictionary.to_pylist()
         if any(len(word) > MAX_TEXT for word in words):
             raise IrregularError
@@ -85,7 +85,8 @@ def parse_plain(content: bytes, separator: str, words: int | None = None) -> Pla
         return None
     if any(odd in content for odd in _ODD):
         raise IrregularError
-    types = {f"f{i}": pa.string() if i == words else pa.float64() for i in range(_MAX_COLUMNS)}
+    text = pa.dictionary(pa.int32(), pa.string())
+    types = {f"f{i}": text if i == words else pa.float64() for i in range(_MAX_COLUMNS)}
     try:
         table = pacsv.read_csv(
             pa.BufferReader(content),
