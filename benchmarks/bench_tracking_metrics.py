@@ -1,25 +1,28 @@
-"""HOTA, CLEAR and Identity of one tracker over KITTI's 21 tracking sequences: ours against TrackEval's, in one process.
+"""HOTA, CLEAR and Identity of one tracker over KITTI's 21 tracking sequences: ours, TrackEval's and motrics', a Rust
+library's, from the same files: in one process, and CPU time of fresh ones that read, count, and write all rows.
 
 Run it from the root of the repository, with the data of `tests` beside it; `PYTHONPATH=FOLDER` adds a folder made by
-`pip install --no-deps --target FOLDER trackeval==1.3.0`, which leaves this environment as it is.
+`pip install --no-deps --target FOLDER trackeval==1.3.0 motrics==0.3.0`, which leaves this environment as it is.
+
+Counts of all three must be equal. motrics sums up nothing over sequences and makes no rows of thresholds.
 """
 
-import contextlib
-import io
+import os
+import resource
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from common import best_by_turns_s
+from other_tracking_metrics import CLASSES, ROOT, TRACKER, Counts, Motrics, make_trackeval
 
 from fbench.metrics.files.sequences import Choice, open_files
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence
-
-ROOT = Path(__file__).resolve().parents[2] / "shared/data/kitti_tracking"
-TRACKER = "GT-SORT"
 
 
 def sequences() -> Iterable[Sequence]:
@@ -33,26 +36,18 @@ def score(given: Iterable[Sequence]) -> list[Score]:
     return evaluate(TRACKEVAL_KITTI, given).scores()
 
 
-def reference() -> Callable[[], float] | None:
-    """What runs TrackEval and returns its MOTA of cars, where it is installed."""
-    try:
-        import trackeval  # type: ignore[import-not-found,unused-ignore]
-    except ImportError as error:
-        print(f"TrackEval can't be imported ({error}): see this file's head how to install it", file=sys.stderr)
-        return None
-    quiet = {"PRINT_CONFIG": False}
-    output = ("PRINT_RESULTS", "OUTPUT_SUMMARY", "OUTPUT_DETAILED", "PLOT_CURVES", "TIME_PROGRESS")
-    folders = {"GT_FOLDER": str(ROOT), "TRACKERS_FOLDER": str(ROOT / "trackers_2d"), "TRACKERS_TO_EVAL": [TRACKER]}
+def our_counts(rows: Iterable[Score]) -> Counts:
+    """Counts over all sequences out of our rows."""
+    by_name = {(row.class_, row.metric): int(row.value or 0) for row in rows if row.slice == "all"}
+    return {name: tuple(by_name[name, m] for m in ("clr_tp", "clr_fp", "clr_fn", "idsw", "idtp")) for name in CLASSES}
 
-    def run() -> float:
-        with contextlib.redirect_stdout(io.StringIO()):
-            evaluator = trackeval.Evaluator(dict.fromkeys(output, False) | quiet)
-            dataset = trackeval.datasets.Kitti2DBox(folders | quiet)
-            metrics = [trackeval.metrics.HOTA(), trackeval.metrics.CLEAR(quiet), trackeval.metrics.Identity(quiet)]
-            found, _ = evaluator.evaluate([dataset], metrics)
-        return float(found["Kitti2DBox"][TRACKER]["COMBINED_SEQ"]["car"]["CLEAR"]["MOTA"])
 
-    return run
+def fresh_s(*command: str) -> float:
+    """CPU time of a command in a fresh process."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def main() -> None:
@@ -61,22 +56,55 @@ def main() -> None:
         print(f"no data at {ROOT}", file=sys.stderr)
         return
     held = list(sequences())
-    rows = score(held)  # compiles
+    wanted = our_counts(score(held))  # compiles
     parts: dict[str, Callable[[], object]] = {
         "counting": lambda: [TRACKEVAL_KITTI.measure(one) for one in held],
         "counting and rows": lambda: score(held),
         "reading, counting and rows": lambda: score(sequences()),
     }
-    theirs = reference()
-    if theirs is not None:
-        mota = next(row.value for row in rows if (row.metric, row.class_, row.slice) == ("mota", "car", "all"))
-        assert mota is not None
-        assert abs(theirs() - mota) < 1e-9
-        parts["TrackEval, all"] = theirs
+    pairs: list[tuple[str, str]] = []
+    found: dict[str, Counts] = {}
+    if (theirs := make_trackeval()) is not None:
+        found["TrackEval"], parts["TrackEval, all"] = theirs(), theirs
+        pairs.append(("reading, counting and rows", "TrackEval, all"))
+    try:
+        own = Motrics()
+    except ImportError as error:
+        print(f"motrics can't be imported ({error}): see this file's head how to install it", file=sys.stderr)
+    else:
+        read = own.read()
+        prepared = own.prepare(read)
+        found["motrics"] = own.count(prepared)
+        parts["motrics, counting of prepared boxes"] = lambda: own.count(prepared)
+        parts["motrics, preparation and counting"] = lambda: own.count(own.prepare(read))
+        parts["motrics, all"] = lambda: own.count(own.prepare(own.read()))
+        pairs += [("counting", name) for name in list(parts)[-3:-1]]
+        pairs.append(("reading, counting and rows", "motrics, all"))
+    for name, counts in found.items():
+        assert counts == wanted, (name, counts, wanted)
+        print(f"{name} counts the same: {counts}")
     times = best_by_turns_s(parts, 5)
     for name, time_s in times.items():
-        ratio = f", TrackEval takes {times['TrackEval, all'] / time_s:.1f} times as long" if theirs else ""
-        print(f"{name}, {len(held)} sequences, cars and pedestrians: {1e3 * time_s:.0f} ms{ratio}")
+        print(f"{name}, {len(held)} sequences, cars and pedestrians: {1e3 * time_s:.0f} ms")
+    for ours, name in pairs:
+        print(f"{name} takes {times[name] / times[ours]:.2f} times as long as our {ours}")
+    with tempfile.TemporaryDirectory() as folder:
+        files = ("--truth", str(ROOT / "label_02"), "--detections", str(ROOT / "trackers_2d" / TRACKER))
+        seqmap = ("--seqmap", str(ROOT / "evaluate_tracking.seqmap.training"))
+        command = [
+            str(Path(sys.executable).parent / "fbench"),
+            "score",
+            *files,
+            "--profile",
+            "trackeval-kitti",
+            *seqmap,
+        ]
+        fresh = {"fbench score": command, "fbench score -o": [*command, "-o", os.path.join(folder, "scores.json")]}
+        fresh |= {
+            name: [sys.executable, str(Path(__file__).with_name("other_tracking_metrics.py")), name] for name in found
+        }
+        for name, words in fresh.items():
+            print(f"{name} in a fresh process: {min(fresh_s(*words) for _ in range(3)):.2f} s of CPU")
 
 
 if __name__ == "__main__":
