@@ -16,7 +16,7 @@ class Counts:
     """Base of dataclasses of numbers, tuples of numbers, other counts and mappings, which add field by field."""
 
     def __add__(self, other: Self) -> Self:
-        return type(self)(*[_add(getattr(self, name), getattr(other, name)) for name in _names_of(type(self))])
+        return type(self)(*[_add(getattr(self, name), getattr(other, name)) for name in _names_of(type(self))])  # type: ignore[arg-type]
 
 
 @cache
