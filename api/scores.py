@@ -12,21 +12,15 @@ from typing import TYPE_CHECKING
 from fbench.replay.contracts.errors import ConfigError, MetricError, RunError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.plugins import entry_points_of, load
-from fbench.replay.data.criticality import save_critical_errors
-from fbench.replay.data.details import save_details
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Score, ScoreOptions, save_scores
-from fbench.replay.logs.setup import BoxSource
-from fbench.replay.runs.folder import Run
-from fbench.replay.runs.outcomes import save_outcomes
-from fbench.replay.setup.source import classes_of
-from fbench.replay.truth.relabel import relabel
-from fbench.replay.truth.times import make_max_between_ns
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # runs and truth take a while to import, which scores of files needn't
     from fbench.metrics.core.bootstrap import Bootstrap
     from fbench.replay.contracts.profiles import Headlines
     from fbench.replay.contracts.protocols import Metric
+    from fbench.replay.logs.setup import BoxSource
+    from fbench.replay.runs.folder import Run
 
 FEWEST_RESAMPLES, MOST_RESAMPLES = 20, 100_000
 """Of fewer resamples the ends of 95 % are extremes of a handful; more take hours and memory and say nothing new."""
@@ -79,7 +73,7 @@ class ScoreRequest:
     """What matches in the profile: `iou3d:0.25` ..."""
     classes: Sequence[str] = ()
     """Of a profile: only these; empty: all."""
-    truth: BoxSource | None = None
+    truth: "BoxSource | None" = None
     """Other truth for a single run, which replaces its own."""
     interpolate_truth_ms: float = 0.0
     config: str | None = None
@@ -183,18 +177,20 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
     return ScoreResult(rows, title, profile.name, found, warnings, not pair.faults.num_lost, headlines)
 
 
-def open_folder(folder: Path) -> Run:
+def open_folder(folder: Path) -> "Run":
     """Return the run in a folder. Raises ConfigError where there is no such folder. Raises RunError where it isn't a
     run.
     """
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such run folder")
+    from fbench.replay.runs.folder import Run
+
     run = Run(folder)
     _ = run.manifest
     return run
 
 
-def open_folders(folders: Sequence[Path | str]) -> list[Run]:
+def open_folders(folders: Sequence[Path | str]) -> "list[Run]":
     """Return the runs in folders. Raises as `open_folder`, and where none is named."""
     if not folders:
         raise ConfigError("expected at least one run folder, got none")
@@ -203,7 +199,7 @@ def open_folders(folders: Sequence[Path | str]) -> list[Run]:
 
 def score_folder(
     folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None, budget_ms: float | None = None
-) -> Run:
+) -> "Run":
     """Write `scores.json`, `criticality.json`, `details.json`, `outcomes.parquet` and `latency.json` into a run folder
     and return the run. Where the pipeline needed time, the same replay in lockstep, which is kept inside, is scored
     first, and streaming scores are written, too.
@@ -220,6 +216,10 @@ def score_folder(
     from fbench.metrics.runs.details import find_details
     from fbench.metrics.runs.outcomes import outcomes_of
     from fbench.metrics.runs.places import SharedRun
+    from fbench.replay.data.criticality import save_critical_errors
+    from fbench.replay.data.details import save_details
+    from fbench.replay.runs.folder import Run
+    from fbench.replay.runs.outcomes import save_outcomes
 
     run = SharedRun(folder)
     scores = score_run(run, options, _make_metrics())
@@ -242,7 +242,7 @@ def score_folder(
     return Run(folder)
 
 
-def _read_budget_ms(run: Run) -> float | None:
+def _read_budget_ms(run: "Run") -> float | None:
     """Return the budget that a run was measured against; `None` where it says none that makes sense."""
     try:
         given = float(run.json(LATENCY)["budget_ms"])
@@ -255,7 +255,7 @@ def _make_metrics() -> "list[Metric]":
     return [load("metrics", name)() for name in entry_points_of("metrics")]
 
 
-def require_truth(run: Run) -> None:
+def require_truth(run: "Run") -> None:
     """Refuse a run in which nothing can be scored. Raises RunError where none of its frames has truth."""
     if all(frame.truth_stamp_ns is None for frame in run.frames):
         strays = next(row["count"] for row in run.json("faults.json")["rows"] if row["code"] == "GT006")
@@ -263,9 +263,15 @@ def require_truth(run: Run) -> None:
         raise RunError(f"{run.folder}: {why}, so there is nothing to score")
 
 
-def _score_again(run: Run, request: ScoreRequest) -> ScoreResult:
+def _score_again(run: "Run", request: ScoreRequest) -> ScoreResult:
+    from fbench.replay.runs.folder import Run
+
     warnings: tuple[str, ...] = ()
     if request.truth is not None:
+        from fbench.replay.setup.source import classes_of
+        from fbench.replay.truth.relabel import relabel
+        from fbench.replay.truth.times import make_max_between_ns
+
         max_between_ns = make_max_between_ns(request.interpolate_truth_ms)
         found = relabel(run, request.truth, classes_of(request.config), max_between_ns)
         if run.manifest.latency is not None:
@@ -279,9 +285,10 @@ def _score_again(run: Run, request: ScoreRequest) -> ScoreResult:
     return ScoreResult(scored.scores, str(run.folder), warnings=warnings, complete=scored.manifest.complete)
 
 
-def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
+def _score_together(runs: "Sequence[Run]", request: ScoreRequest) -> ScoreResult:
     """Add the counts of several runs, one in memory at a time."""
     from fbench.metrics.runs.combine import combine_runs, describe_gaps, measure_run
+    from fbench.replay.runs.folder import Run
 
     complete = all(run.manifest.complete for run in runs)
     metrics = _make_metrics()
@@ -298,7 +305,7 @@ def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
     return ScoreResult(rows, f"{len(runs)} runs together", warnings=tuple(warnings), complete=complete)
 
 
-def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
+def _score_by_profile(runs: "Sequence[Run]", request: ScoreRequest) -> ScoreResult:
     from fbench.metrics.profiles.choose import choose_profile, evaluate, only, run_sequence
     from fbench.metrics.profiles.default import DefaultProfile
     from fbench.metrics.profiles.remarks import Remarks

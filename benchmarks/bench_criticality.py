@@ -4,6 +4,7 @@ Run it from the root of the repository.
 """
 
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +94,7 @@ def main() -> None:
                 "critical errors, after it": lambda: find_critical_errors(first, options),
             },
             5,
+            time.process_time,
         )
     print(f"{len(errors)} critical errors in {NUM_FRAMES} frames of {NUM} objects and {NUM} results")
     for name, time_s in times.items():

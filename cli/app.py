@@ -9,6 +9,7 @@ import sys
 import threading
 from contextlib import suppress
 from functools import cache
+from importlib import import_module
 from types import FrameType
 from typing import Annotated, Any
 
@@ -16,66 +17,16 @@ import typer
 from typer import Option
 from typer.main import get_command
 
-from fbench.cli import (
-    baseline,
-    bench,
-    compare,
-    demo,
-    init,
-    log_check,
-    log_convert,
-    log_export,
-    log_import,
-    log_info,
-    log_preview,
-    log_simulate,
-    plugins,
-    profile,
-    replay,
-    report,
-    robust,
-    score,
-    sweep,
-    verify,
-    view,
-    weights,
-)
 from fbench.cli.options import examples
 from fbench.cli.show import printable, show_traceback
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_USAGE, INTERRUPTS, FbenchError, TerminatedError, one_line
 from fbench.replay.runs.secrets import without_secrets
 
-app = typer.Typer(
-    name="fbench",
-    help="Replay recorded sensor logs into perception pipelines, and measure them.",
-    pretty_exceptions_enable=False,
-    add_completion=False,
-    rich_markup_mode="rich",
-)
-app.command("demo", epilog=examples("demo"))(demo.demo)
-app.command("init", epilog=examples("init"))(init.init)
-app.command("replay", epilog=examples("replay"))(replay.replay)
-app.command("score", epilog=examples("score"))(score.score)
-app.command("report", epilog=examples("report"))(report.report)
-app.command("view", epilog=examples("view"))(view.view)
-app.command("compare", epilog=examples("compare"))(compare.compare)
-app.command("robust", epilog=examples("robust"))(robust.robust)
-app.command("sweep", epilog=examples("sweep"))(sweep.sweep)
-app.command("profile", epilog=examples("profile"))(profile.profile)
-app.command("verify", epilog=examples("verify"))(verify.verify)
-app.command("plugins", epilog=examples("plugins"))(plugins.plugins)
-log = typer.Typer(help="Inspect, check, convert, import, export, and simulate logs.", no_args_is_help=True)
-log.command("info", epilog=examples("log info"))(log_info.info)
-log.command("check", epilog=examples("log check"))(log_check.check)
-log.command("preview", epilog=examples("log preview"))(log_preview.preview)
-log.command("convert", epilog=examples("log convert"))(log_convert.convert)
-log.command("import", epilog=examples("log import"))(log_import.import_)
-log.command("export", epilog=examples("log export"))(log_export.export)
-log.command("simulate", epilog=examples("log simulate"))(log_simulate.simulate)
-app.add_typer(bench.app, name="bench")
-app.add_typer(log, name="log")
-app.add_typer(baseline.app, name="baseline")
-app.add_typer(weights.app, name="weights")
+_COMMANDS = (
+    "demo", "init", "replay", "score", "report", "view", "compare", "robust", "sweep", "profile", "verify", "plugins",
+)  # fmt: skip
+_GROUPS = ("bench", "log", "baseline", "weights")
+_OF_LOGS = ("info", "check", "preview", "convert", "import", "export", "simulate")
 
 _MIN_ADDRESS_BYTES = 2 << 30
 
@@ -93,8 +44,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def common_options(
+def _common_options(
     debug: Annotated[bool, Option("--debug", help="Show tracebacks of errors.")] = False,
     version: Annotated[
         bool, Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
@@ -102,6 +52,34 @@ def common_options(
 ) -> None:
     """Replay recorded sensor logs into perception pipelines, and measure them."""
     del debug, version  # commands find the first in their context
+
+
+def make_app(*names: str) -> typer.Typer:
+    """Return the commands and groups of these names: others needn't be imported, nor their options made."""
+    app = typer.Typer(
+        name="fbench",
+        help="Replay recorded sensor logs into perception pipelines, and measure them.",
+        pretty_exceptions_enable=False,
+        add_completion=False,
+        rich_markup_mode="rich",
+    )
+    app.callback()(_common_options)
+    for name in names:
+        if name == "log":
+            log = typer.Typer(help="Inspect, check, convert, import, export, and simulate logs.", no_args_is_help=True)
+            for own in _OF_LOGS:
+                function = "import_" if own == "import" else own
+                log.command(own, epilog=examples(f"log {own}"))(_load(f"log_{own}", function))
+            app.add_typer(log, name=name)
+        elif name in _GROUPS:
+            app.add_typer(_load(name, "app"), name=name)
+        else:
+            app.command(name, epilog=examples(name))(_load(name, name))
+    return app
+
+
+def _load(module: str, name: str) -> Any:
+    return getattr(import_module(f"fbench.cli.{module}"), name)
 
 
 def main() -> None:
@@ -135,7 +113,10 @@ def main() -> None:
     try:
         # It may stand anywhere, as people add it to the end of a command that went wrong.
         others = [a for a in arguments if a != "--debug"] or ["--help"]
-        code = _command()(["--debug", *others] if debug else others, standalone_mode=False)
+        first = next((a for a in others if not a.startswith("-")), "")
+        all_names = () if others[0] == "--version" else (*_COMMANDS, *_GROUPS)
+        names = (first,) if first in (*_COMMANDS, *_GROUPS) else all_names
+        code = _command(names)(["--debug", *others] if debug else others, standalone_mode=False)
         if code == _INTERRUPTED and not interrupts:
             raise typer.Abort
         sys.exit(code)
@@ -154,9 +135,9 @@ def main() -> None:
 
 
 @cache
-def _command() -> Any:
-    """All commands, built anew by no further call of `main` in this process."""
-    return get_command(app)
+def _command(names: tuple[str, ...]) -> Any:
+    """These commands, built anew by no further call of `main` in this process."""
+    return get_command(make_app(*names))
 
 
 _AGAIN_S = 0.1

@@ -158,6 +158,8 @@ def test_scoring_files_loads_what_it_needs(tmp_path):
     loaded = loaded_by("score", *files, "--profile", "trackeval-kitti")
     assert "fbench.metrics.profiles.trackeval.profiles" in loaded
     heavy = {"pandas", "scipy.spatial", "scipy.special", "cv2", "onnxruntime", "plotly", "jinja2", "sklearn"}
+    heavy |= {"ruamel.yaml", "mcap", "google.protobuf", "pyarrow.compute", "fbench.replay.runs.folder"}
+    heavy |= {"fbench.cli.replay", "fbench.cli.bench", "fbench.cli.log_import"}
     assert not (heavy | {"fbench.api.suites.bench", "fbench.replay.conditions.disturb"}) & loaded
 
 

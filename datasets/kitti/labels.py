@@ -15,7 +15,7 @@ from fbench.replay.formats.documents import head_of
 from fbench.replay.formats.export_request import TABLES
 from fbench.replay.formats.kitti import DONT_CARE, parse_ab3dmot_row, parse_object_row, parse_tracking_row
 from fbench.replay.formats.objects import LabeledObject, to_boxes2d, to_boxes3d
-from fbench.replay.formats.open import recognize
+from fbench.replay.formats.recognition import recognize
 from fbench.replay.formats.text import Line, frame_number
 
 CAMERA = camera_name(2)  # Whose image labels and results belong to

@@ -108,6 +108,46 @@ def best_places(
     return place
 
 
+@kernel
+def best_rows(  # noqa: C901  # apart it compiles twice as long
+    row_start: Int64, column_start: Int64, block_start: Int64, score: Float64, floor: float, favoured: Bool
+) -> Int64:
+    """Row (M,) of each column, -1 without one: in each step as many pairs as there can be, of these those with most
+    favored columns (M,), of these those with the highest total. A pair needs a score of `floor`.
+    """
+    row_of = np.empty(column_start[-1], np.int64)
+    for j in range(len(row_of)):
+        row_of[j] = -1
+    for step in range(len(row_start) - 1):
+        first, left, b = row_start[step], column_start[step], block_start[step]
+        n, m = row_start[step + 1] - first, column_start[step + 1] - left
+        low, high, competes = np.inf, -np.inf, False
+        for i in range(n):
+            has_other = False
+            for j in range(m):
+                value = score[b + i * m + j]
+                if value >= floor:
+                    competes = competes or has_other or row_of[left + j] >= 0
+                    has_other, row_of[left + j] = True, first + i
+                    low, high = min(low, value), max(high, value)
+        if not competes:
+            continue
+        # Three ranks in one number: k pairs sum to at most k in quality and k * weight in favor, k < weight.
+        cost, weight, span = np.empty((n, m)), min(n, m) + 1.0, high - low if high > low else 1.0
+        for i in range(n):
+            for j in range(m):
+                value = score[b + i * m + j]
+                rank = weight * weight + weight * favoured[left + j] + (value - low) / span
+                cost[i, j] = -rank if value >= floor else np.inf
+        column_of = assign(cost, 0.0)
+        for j in range(m):
+            row_of[left + j] = -1
+        for i in range(n):
+            if column_of[i] >= 0:
+                row_of[left + column_of[i]] = first + i
+    return row_of
+
+
 def partners(pairs: Blocks, floor: float, offset: float) -> Int64:
     """Return for each estimate (M,) the truth row with which it makes the best pair of its step, -1 without one.
 

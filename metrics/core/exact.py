@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from fractions import Fraction
+from functools import cache
 from typing import Any, Self
 
 import numpy as np
@@ -15,13 +16,20 @@ class Counts:
     """Base of dataclasses of numbers, tuples of numbers, other counts and mappings, which add field by field."""
 
     def __add__(self, other: Self) -> Self:
-        return type(self)(*(_add(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)))
+        return type(self)(*[_add(getattr(self, name), getattr(other, name)) for name in _names_of(type(self))])  # type: ignore[arg-type]
+
+
+@cache
+def _names_of(kind: type[Counts]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
 
 
 def _add(one: Any, other: Any) -> Any:
+    if isinstance(one, tuple):
+        return tuple(map(_add, one, other))
     if isinstance(one, Mapping):
         return {**one, **{key: one[key] + more if key in one else more for key, more in other.items()}}
-    return tuple(map(_add, one, other)) if isinstance(one, tuple) else one + other
+    return one + other
 
 
 def exact_sum(values: Float64) -> Fraction:

@@ -56,7 +56,8 @@ def match_greedy(similarity: Blocks, floor: float, score: Float64, late: Bool | 
     """
     from fbench.metrics.core.assignment_kernel import first_come  # numba takes a while to import
 
-    truth, estimates, value = _valid_pairs(similarity, floor)
+    valid = np.flatnonzero(similarity.values >= floor)
+    (truth, estimates), value = similarity.locate(valid), similarity.values[valid]
     is_late = np.zeros(len(score), bool) if late is None else late
     # Boxes of different steps never meet, so one order serves all.
     order = np.lexsort((truth, estimates, -value, -score[estimates], is_late[estimates]))
@@ -70,30 +71,8 @@ def match_best(similarity: Blocks, floor: float, late: Bool | None = None) -> In
     (M,) are estimates to use only where no other will do; returns (M,) the truth box of each estimate, -1 where it has
     none.
     """
-    from fbench.metrics.core.assignment_kernel import assign  # numba takes a while to import
+    from fbench.metrics.core.assignment_kernel import best_rows  # numba takes a while to import
 
-    num_truth, num_estimates = similarity.shape
-    truth, estimates, _ = _valid_pairs(similarity, floor)
-    row_of = np.full(num_estimates, -1, np.int64)
-    row_of[estimates] = truth  # right wherever nobody competes
-    num_per_truth, num_per_estimate = np.bincount(truth, minlength=num_truth), np.bincount(estimates)
-    competes = (num_per_truth[truth] > 1) | (num_per_estimate[estimates] > 1)
-    favoured = np.ones(num_estimates, bool) if late is None else ~late
-    for step in np.unique(np.searchsorted(similarity.row_start, truth[competes], side="right") - 1):
-        first, columns = similarity.row_start[step], slice(*similarity.column_start[step : step + 2])
-        block = similarity.block(int(step))
-        valid = block >= floor
-        low, high = block[valid].min(), block[valid].max()
-        quality = np.where(valid, block - low, 0.0) / (high - low if high > low else 1.0)
-        # Three ranks in one number: m pairs sum to at most m in quality and m * weight in favour, m < weight.
-        weight = min(block.shape) + 1
-        column_of = assign(np.where(valid, -(weight * weight + weight * favoured[columns] + quality), np.inf), 0.0)
-        rows = np.flatnonzero(column_of >= 0)
-        row_of[columns] = -1
-        row_of[columns.start + column_of[rows]] = first + rows
-    return row_of
-
-
-def _valid_pairs(similarity: Blocks, floor: float) -> tuple[Int64, Int64, Float64]:
-    valid = np.flatnonzero(similarity.values >= floor)
-    return *similarity.locate(valid), similarity.values[valid]
+    p = similarity
+    favoured = np.ones(p.shape[1], bool) if late is None else ~late
+    return best_rows(p.row_start, p.column_start, p.start, p.values, floor, favoured)

@@ -1,6 +1,5 @@
 """Similarity of truth and estimates: all pairs of each step, in one flat array."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +15,6 @@ from fbench.replay.geometry.iou import comparable, flat_iou
 
 MAX_PAIRS = MAX_BOXES**2  # Of truth and estimates in one step: so many of each fit into memory several times
 MAX_PAIRS_IN_ALL = 100 * MAX_PAIRS  # Of a sequence: each takes about 40 byte while it is scored
-_PAIRS_AT_ONCE = 2**20  # Whose rows and columns are known together: they take several times as much as the values
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,29 +43,12 @@ class Blocks:
     @cached_property
     def pairs(self) -> tuple[Int64, Int64]:
         """Row and column (B,) of each value; takes several times the memory of the values."""
-        return self._pairs_of(0, len(self.start) - 1)
-
-    def _pairs_of(self, first: int, stop: int) -> tuple[Int64, Int64]:
-        """Row and column of each value of the steps from `first` up to `stop`."""
-        rows, columns = (start[first : stop + 1] for start in (self.row_start, self.column_start))
-        num_rows, num_columns = np.diff(rows), np.diff(columns)
+        num_rows, num_columns = np.diff(self.row_start), np.diff(self.column_start)
         of_row = np.repeat(num_columns, num_rows)
-        row = np.repeat(np.arange(rows[0], rows[-1]), of_row)
-        left = np.repeat(np.repeat(columns[:-1], num_rows), of_row)
+        row = np.repeat(np.arange(self.row_start[-1]), of_row)
+        left = np.repeat(np.repeat(self.column_start[:-1], num_rows), of_row)
         within = np.arange(len(row)) - np.repeat(np.cumsum(of_row) - of_row, of_row)
         return row.astype(np.int64), (left + within).astype(np.int64)
-
-    def _stretches(self) -> Iterator[tuple[slice, Int64, Int64]]:
-        """Yield where the values of some steps are, and row and column of each: of few enough to fit into memory."""
-        if self.start[-1] <= _PAIRS_AT_ONCE:
-            yield slice(0, int(self.start[-1])), *self.pairs
-            return
-        first = 0
-        while first < len(self.start) - 1:
-            stop = int(np.searchsorted(self.start, self.start[first] + _PAIRS_AT_ONCE, side="right")) - 1
-            stop = max(stop, first + 1)
-            yield slice(int(self.start[first]), int(self.start[stop])), *self._pairs_of(first, stop)
-            first = stop
 
     def locate(self, place: Int64) -> tuple[Int64, Int64]:
         """Return row and column (K,) of the values at these places (K,)."""
@@ -79,26 +60,28 @@ class Blocks:
         """Return the pairs of the marked rows (N,) and columns (M,), numbered from 0 on."""
         if rows.all() and columns.all():
             return self
+        from fbench.metrics.core.similarity_kernel import select_pairs  # numba takes a while to import
+
         row_start, column_start = (
             np.concatenate([[0], np.cumsum(mask)])[start]
             for mask, start in ((rows, self.row_start), (columns, self.column_start))
         )
         start = block_starts(row_start, column_start)
-        values, end = np.empty(start[-1]), 0
-        for place, row, column in self._stretches():
-            kept = self.values[place][rows[row] & columns[column]]
-            values[end : end + len(kept)] = kept
-            end += len(kept)
+        values = select_pairs(self.values, self.row_start, self.column_start, _mask(rows), _mask(columns), start)
         return Blocks(row_start, column_start, start, values)
 
     def only(self, rows: Bool, columns: Bool) -> "Blocks":
         """Return the pairs with -inf in place of those of which neither row (N,) nor column (M,) is marked."""
         if rows.all() or columns.all():
             return self
-        values = np.full(len(self.values), -np.inf)
-        for place, row, column in self._stretches():
-            np.copyto(values[place], self.values[place], where=rows[row] | columns[column])
+        from fbench.metrics.core.similarity_kernel import keep_pairs
+
+        values = keep_pairs(self.values, self.row_start, self.column_start, _mask(rows), _mask(columns))
         return replace(self, values=values)
+
+
+def _mask(marked: Bool) -> Bool:
+    return np.require(marked, np.bool_, ["C", "W"])  # as kernels are compiled for writeable arrays
 
 
 def block_starts(row_start: Int64, column_start: Int64) -> Int64:

@@ -1,4 +1,4 @@
-"""Compiled similarity of all pairs of many steps: centers, nearest faces."""
+"""Compiled similarity of all pairs of many steps: centers, nearest faces; and selection among pairs."""
 
 import math
 
@@ -67,3 +67,34 @@ def _plane_distance(truth: Float64, estimate: Float64, ego: Float64) -> float:
         dy += v * (cos_e * estimate[4] - cos * truth[4])
         total += dx * dx + dy * dy
     return math.sqrt(total / 2)
+
+
+@kernel
+def select_pairs(
+    values: Float64, row_start: Int64, column_start: Int64, rows: Bool, columns: Bool, kept_start: Int64
+) -> Float64:
+    """Values of the pairs of which both row and column are marked; `kept_start` (S + 1,) is where each step's begin."""
+    kept, k, end = np.empty(kept_start[-1]), 0, 0
+    for s in range(len(row_start) - 1):
+        for i in range(row_start[s], row_start[s + 1]):
+            if not rows[i]:
+                k += column_start[s + 1] - column_start[s]
+                continue
+            for j in range(column_start[s], column_start[s + 1]):
+                if columns[j]:
+                    kept[end] = values[k]
+                    end += 1
+                k += 1
+    return kept
+
+
+@kernel
+def keep_pairs(values: Float64, row_start: Int64, column_start: Int64, rows: Bool, columns: Bool) -> Float64:
+    """Values of the pairs of which row or column is marked, -inf of all others."""
+    kept, k = np.empty(len(values)), 0
+    for s in range(len(row_start) - 1):
+        for i in range(row_start[s], row_start[s + 1]):
+            for j in range(column_start[s], column_start[s + 1]):
+                kept[k] = values[k] if rows[i] or columns[j] else -np.inf
+                k += 1
+    return kept

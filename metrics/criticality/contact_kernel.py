@@ -53,8 +53,9 @@ def meet(
 ) -> Float64:  # fmt: skip
     """When (N,) each ego (N, 7) and body (N, 7), as `_place` has them, first touch; inf: not within the horizon.
 
-    The middle of an ego's rectangle is `ahead_m` before its place. The rectangles can't come near faster than both move
-    and turn, so as many steps are skipped as their gap allows.
+    The middle of an ego's rectangle is `ahead_m` before its place. Within u seconds from t on the rectangles come near
+    by at most (v + a t) u + a u^2 / 2, where v is how fast both move and turn at first and a how hard both accelerate,
+    so as many steps are skipped as their gap allows.
     Rectangles that overlap at once meet at 0 if they go on into each other, and not at all if they don't.
     """
     found = np.full(len(bodies), np.inf)
@@ -62,8 +63,8 @@ def meet(
     radius_ego = math.hypot(half_ego[0], half_ego[1]) + abs(ahead_m)
     for i in range(len(bodies)):
         ego, body, half = egos[i], bodies[i], half_bodies[i]
-        fastest = ego[4] + max(ego[5], 0.0) * horizon_s + body[4] + max(body[5], 0.0) * horizon_s
-        fastest += abs(ego[6]) * radius_ego + abs(body[6]) * math.hypot(half[0], half[1])  # Corners swing out
+        speed = ego[4] + body[4] + abs(ego[6]) * radius_ego + abs(body[6]) * math.hypot(half[0], half[1])
+        gain = max(ego[5], 0.0) + max(body[5], 0.0)
         gap = _gap(ego, ahead_m, body, half_ego, half, 0.0)
         if gap <= 0:
             if _gap(ego, ahead_m, body, half_ego, half, step_s) < gap - 1e-9:
@@ -71,8 +72,9 @@ def meet(
             continue
         k = 0
         while k < num_steps:
-            k += max(int(gap / max(fastest * step_s, 1e-9)), 1)
-            k = min(k, num_steps)
+            now = speed + gain * k * step_s
+            free_s = 2 * gap / max(now + math.sqrt(now * now + 2 * gain * gap), 1e-9)
+            k = min(k + max(int(free_s / step_s), 1), num_steps)
             gap = _gap(ego, ahead_m, body, half_ego, half, k * step_s)
             if gap <= 0:
                 low, high = (k - 1) * step_s, k * step_s

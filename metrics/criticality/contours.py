@@ -24,11 +24,15 @@ def _turn(points: Float64, yaw_rad: Float64) -> Float64:
 
 def distances_to_outline(points: Float64, outline: Float64) -> Float64:
     """Return how far (N, K) points (N, K, 2) are from the outlines of footprints (N, 4, 2), also from inside."""
-    start, side = outline[:, None], (np.roll(outline, -1, axis=1) - outline)[:, None]
-    offset = points[:, :, None] - start
-    length2 = np.maximum((side**2).sum(axis=-1), 1e-300)
-    share = np.clip((offset * side).sum(axis=-1) / length2, 0, 1)
-    return np.asarray(np.linalg.norm(offset - share[..., None] * side, axis=-1).min(axis=-1))
+    x, y, nearest = points[..., 0], points[..., 1], np.full(points.shape[:2], np.inf)
+    for start, end in zip(range(4), (1, 2, 3, 0), strict=True):  # numpy is slow in sums and minima of short axes
+        from_x, from_y = outline[:, start, :1], outline[:, start, 1:]
+        side_x, side_y = outline[:, end, :1] - from_x, outline[:, end, 1:] - from_y
+        x0, y0 = x - from_x, y - from_y
+        share = np.clip((x0 * side_x + y0 * side_y) / np.maximum(side_x**2 + side_y**2, 1e-300), 0, 1)
+        x0, y0 = x0 - share * side_x, y0 - share * side_y
+        nearest = np.minimum(nearest, np.sqrt(x0**2 + y0**2))
+    return nearest
 
 
 def surface_distances(outline: Float64) -> Float64:
@@ -42,14 +46,17 @@ def support_distances(outline: Float64) -> Float64:
     """Return the signed distances (N, 2) of footprints (N, 4, 2) from the ego's lateral axis (x) and from its path
     ahead (y): of the nearest point; 0 where a footprint lies on both sides.
     """
-    low, high = outline.min(axis=1), outline.max(axis=1)
+    a, b, c, d = outline.transpose(1, 0, 2)
+    low = np.minimum(np.minimum(a, b), np.minimum(c, d))
+    high = np.maximum(np.maximum(a, b), np.maximum(c, d))
     return np.where(low > 0, low, np.where(high < 0, high, 0.0))
 
 
 def seen_corners(outline: Float64, yaw_rad: Float64) -> Bool:
     """Tell which corners (N, 4) belong to a side that faces the origin; all where the origin is inside."""
     normals = _turn(np.broadcast_to(_NORMALS, (len(outline), 4, 2)), yaw_rad)
-    faces = (normals * -outline).sum(axis=-1) > 0
+    toward = normals * -outline
+    faces = toward[..., 0] + toward[..., 1] > 0
     seen = faces | np.roll(faces, 1, axis=1)
     return np.asarray(seen | ~seen.any(axis=1, keepdims=True))
 

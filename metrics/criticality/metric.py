@@ -89,7 +89,7 @@ def find_critical_errors(run: Run, options: ScoreOptions) -> list[CriticalError]
 
 def _list_errors(run: Run, options: ScoreOptions, side: Side, view: View, group: Group) -> Iterator[CriticalError]:
     sequence, predicted = view.sequence, _predict(run, options, side, view.sequence)
-    errors, _ = judge_side(run, options, side, view, group)
+    errors = judge_side(run, options, side, view, group)
     kinds: tuple[tuple[Literal["miss", "false alarm"], Objects, Int64, Conflicts], ...] = (
         ("miss", sequence.truth, errors.truth_row[~errors.hit], predicted.conflicts[0]),
         ("false alarm", sequence.estimates, errors.alarm_row, predicted.conflicts[1]),
@@ -124,8 +124,8 @@ def _measure(run: Run, options: ScoreOptions, side: Side) -> AbstractSequence[Sc
 
     def measure(sequence: Sequence, group: Group, match: Match) -> CriticalityCounts:
         predicted = _predict(run, options, side, sequence)
-        errors, hits = judge_side(run, options, side, view, group)
-        return predicted.count(errors, sequence) + measure_hits(*hits)
+        errors = judge_side(run, options, side, view, group)
+        return predicted.count(errors, sequence) + measure_hits(sequence.truth, sequence.estimates, errors.pairs)
 
     return measure_classes([view], table, measure, nothing)
 
@@ -144,7 +144,7 @@ def count_by_frame(run: Run, options: ScoreOptions, side: Side) -> Iterator[tupl
     met = find_labels(sequence.truth, sequence.estimates) if table.boxes.label is not None else set()
     steps = sequence.truth.step, sequence.estimates.step
     for group in (VEHICLE, *(label_group(label) for label in LABELS if label in met)):
-        errors, _ = judge_side(run, options, side, view, group)
+        errors = judge_side(run, options, side, view, group)
         counts = count_steps(errors, steps, len(sequence.steps), predicted.conflicts)
         yield replace(view.key, class_=group.name), counts, sequence.steps.frame
 
@@ -184,23 +184,14 @@ def _predict(run: Run, options: ScoreOptions, side: Side, sequence: Sequence) ->
     return once(run, ("conflicts", side, options), find)
 
 
-Judged = tuple[Errors, tuple[Objects, Objects]]
-
-
-def judge_side(run: Run, options: ScoreOptions, side: Side, view: View, group: Group) -> Judged:
-    """Return the errors of one class in a view of detections or tracks, and the truth and estimates of its hits."""
+def judge_side(run: Run, options: ScoreOptions, side: Side, view: View, group: Group) -> Errors:
+    """Return the errors of one class in a view of detections or tracks."""
     key = ("critical errors", side, options, group.name)
     return once(run, key, lambda: _match(side, view.sequence, group, view.match))
 
 
-def _match(side: Side, sequence: Sequence, group: Group, match: Match) -> Judged:
-    switched = None
+def _match(side: Side, sequence: Sequence, group: Group, match: Match) -> Errors:
     if side == "detections":
-        judgement = judge_detections(compare_class(sequence, group, match))
-    else:
-        judgement, problem, pairs = follow_tracks(sequence, group, match)
-        switched = problem.truth_row[(pairs.event & SWITCH) != 0]
-    c, of = judgement.candidates, judgement.truth_of_estimate
-    hit = np.flatnonzero(of >= 0)
-    # Rows of objects must stay in the order of steps.
-    return Errors.of(judgement, switched), (sequence.truth[c.truth_row[of[hit]]], c.estimates[hit])
+        return Errors.of(judge_detections(compare_class(sequence, group, match)))
+    judgement, problem, pairs = follow_tracks(sequence, group, match)
+    return Errors.of(judgement, problem.truth_row[(pairs.event & SWITCH) != 0])

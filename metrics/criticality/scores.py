@@ -20,21 +20,25 @@ from fbench.replay.data.sequences import Objects, Steps
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """What became of the boxes of one class that count: N of truth and M false alarms."""
+    """What became of the boxes of one class that count: N of truth, K hits and M false alarms."""
 
     truth_row: Int64  # (N,) rows of the sequence's truth
     hit: Bool  # (N,)
     switched: Bool  # (N,) found by another track than before
+    pairs: tuple[Int64, Int64]  # (K,) rows of the sequence's truth and estimates that are a hit together
     alarm_row: Int64  # (M,) rows of the sequence's estimates
 
     @classmethod
     def of(cls, judgement: Judgement, switched_row: Int64 | None = None) -> "Errors":
         """Return what was judged; `switched_row` are rows of the sequence's truth."""
         c = judgement.candidates
-        hit = np.isin(np.arange(len(c.truth_row)), judgement.truth_of_estimate)
+        found = np.flatnonzero(judgement.truth_of_estimate >= 0)
+        of, hit = judgement.truth_of_estimate[found], np.zeros(len(c.truth_row), bool)
+        hit[of] = True
         alarm = np.isin(judgement.outcome, (Outcome.FALSE_ALARM, Outcome.INVALID))
         switched = np.zeros(len(hit), bool) if switched_row is None else np.isin(c.truth_row, switched_row)
-        return cls(c.truth_row, hit, switched, c.estimate_row[alarm])
+        pairs = c.truth_row[of], c.estimate_row[found]
+        return cls(c.truth_row, hit, switched, pairs, c.estimate_row[alarm])
 
 
 @dataclass(frozen=True)
@@ -129,9 +133,8 @@ def count_steps(errors: Errors, at: tuple[Int64, Int64], num: int, conflicts: tu
 
 def number_objects(objects: Objects, rows: Int64, steps: Steps) -> Int64:
     """Number the objects that rows (K,) belong to from 0 on; a box without an id is one of its own."""
-    own = objects[rows]
-    ids = np.where(own.track_id < 0, -1 - np.arange(len(rows)), own.track_id)
-    return number_tracks(ids, steps.stream[own.step])
+    own = objects.track_id[rows]
+    return number_tracks(np.where(own < 0, -1 - np.arange(len(rows)), own), steps.stream[objects.step[rows]])
 
 
 def _peaks(values: Float64, number: Int64) -> Float64:
@@ -154,28 +157,28 @@ def step_lengths_s(steps: Steps) -> Float64:
     return length
 
 
-def measure_hits(truth: Objects, estimates: Objects) -> CriticalityCounts:
-    """Compare what the ego sees of K hits: nearest surface, support distances and contour, see
-    `fbench.metrics.criticality.contours`. Counts nothing of boxes without a place in space.
+def measure_hits(truth: Objects, estimates: Objects, pairs: tuple[Int64, Int64]) -> CriticalityCounts:
+    """Compare what the ego sees of hits, which are rows (K,) of truth and of estimates: nearest surface, support
+    distances and contour, see `fbench.metrics.criticality.contours`. Counts nothing of boxes without a place in space.
     """
-    real, found = (_outlines(side) for side in (truth, estimates))
+    real, found = (_outlines(side, rows) for side, rows in zip((truth, estimates), pairs, strict=True))
     if real is None or found is None or truth.yaw_rad is None:
         return CriticalityCounts()
     far = contours.surface_distances(found) - contours.surface_distances(real)
-    support = np.abs(contours.support_distances(found) - contours.support_distances(real)).max(axis=1, initial=0.0)
+    support = np.abs(contours.support_distances(found) - contours.support_distances(real))
     return CriticalityCounts(
         hits=len(far),
         surface=exact_sum(np.abs(far)),
         surface_bias=exact_sum(far),
-        support=exact_sum(support),
-        contour=exact_sum(contours.contour_errors(real, truth.yaw_rad, found)),
+        support=exact_sum(np.maximum(support[:, 0], support[:, 1])),
+        contour=exact_sum(contours.contour_errors(real, truth.yaw_rad[pairs[0]], found)),
     )
 
 
-def _outlines(objects: Objects) -> Float64 | None:
+def _outlines(objects: Objects, rows: Int64) -> Float64 | None:
     if objects.center_m is None or objects.size_lwh_m is None or objects.yaw_rad is None:
         return None
-    return contours.corners(objects.center_m[:, :2], objects.size_lwh_m[:, :2], objects.yaw_rad)
+    return contours.corners(objects.center_m[rows, :2], objects.size_lwh_m[rows, :2], objects.yaw_rad[rows])
 
 
 def _ratio(top: float, bottom: float) -> float | None:

@@ -24,12 +24,14 @@ class Candidates:
     match: Match
     must: Bool  # (T,) truth boxes to be found; the others may excuse estimates
     estimate_row: Int64  # (M,) rows of the sequence's estimates
+    estimates: Objects  # The M estimates
     inside: Bool  # (M,) false for estimates outside the region: they can be hits but no false alarms
     invalid: Bool  # (M,) estimates that aren't finite, or have negative sizes
     all_similarity: Blocks  # (T, M), higher is nearer; -inf for invalid estimates
-    all_excuse: Blocks
-    """(T, M), as `all_similarity`, or the share of the estimate that is in the truth box; -inf where the box couldn't
-    excuse the estimate if it needn't be found."""
+    all_shares: Blocks  # (T, M), as `all_similarity`, or the share of the estimate that is in the truth box
+    excuses: tuple[Bool, Bool]
+    """(T,) truth boxes that excuse any estimate where they needn't be found, (M,) estimates that any such box excuses.
+    """
 
     @cached_property
     def truth_row(self) -> Int64:
@@ -42,19 +44,15 @@ class Candidates:
         return self.sequence.truth[self.truth_row]
 
     @cached_property
-    def estimates(self) -> Objects:
-        """The M estimates."""
-        return self.sequence.estimates[self.estimate_row]
-
-    @cached_property
     def similarity(self) -> Blocks:
         """(N, M) of the truth boxes to be found."""
         return self.all_similarity.select(self.must, np.ones(len(self.estimate_row), bool))
 
     @cached_property
     def excuse(self) -> Blocks:
-        """(K, M) of the other truth boxes."""
-        return self.all_excuse.select(~self.must, np.ones(len(self.estimate_row), bool))
+        """(K, M) shares of the other truth boxes; -inf where the box can't excuse the estimate."""
+        shares = self.all_shares.select(~self.must, np.ones(len(self.estimate_row), bool))
+        return shares.only(self.excuses[0][~self.must], self.excuses[1])
 
     def select(self, part: Part) -> "Candidates":
         """Return what counts of a part of the sequence."""
@@ -63,10 +61,11 @@ class Candidates:
         if part.given is not None:
             given &= part.given[rows]
         return replace(
-            self, must=self.must & part.truth, estimate_row=rows[given],
+            self, must=self.must & part.truth, estimate_row=rows[given], estimates=self.estimates[given],
             inside=(self.inside & part.estimates[rows])[given], invalid=self.invalid[given],
             all_similarity=self.all_similarity.select(everything, given),
-            all_excuse=self.all_excuse.select(everything, given),
+            all_shares=self.all_shares.select(everything, given),
+            excuses=(self.excuses[0], self.excuses[1][given]),
         )  # fmt: skip
 
 
@@ -85,9 +84,10 @@ def compare_class(sequence: Sequence, group: Group, match: Match) -> Candidates:
     if match.kind == "iou2d":
         shares = image_overlaps(truth, estimates, len(sequence.steps), np.ones(len(truth), bool))
     return Candidates(
-        sequence, match, group.counts(truth), estimate_row,
+        sequence, match, group.counts(truth), estimate_row, estimates,
         np.ones(len(estimates), bool) if estimates.inside is None else estimates.inside, invalid,
-        pairs.only(np.zeros(len(truth), bool), ~invalid), shares.only(*group.excuses(truth, estimates)),
+        pairs.only(np.zeros(len(truth), bool), ~invalid), shares,
+        group.excuses(truth, estimates),
     )  # fmt: skip
 
 

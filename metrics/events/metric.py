@@ -110,7 +110,7 @@ def _count_event(run: Run, options: ScoreOptions, view: View, own: Int64, group:
     """How detections find the truth of an event, by its rows."""
     if not len(own):
         return EventCounts()
-    errors, _ = judge_side(run, options, "detections", view, group)
+    errors = judge_side(run, options, "detections", view, group)
     hits = int(errors.hit[np.isin(errors.truth_row, own)].sum())
     return EventCounts(count_stretches(view.sequence.truth, own, view.sequence.steps), hits, len(own) - hits)
 
@@ -122,7 +122,7 @@ def _count_tracks(
     view, shown = tracked
     truth, tracks, steps = view.sequence.truth, view.sequence.estimates, view.sequence.steps
     if len(own):
-        errors, _ = judge_side(run, options, "tracks", view, group)
+        errors = judge_side(run, options, "tracks", view, group)
         hits = int(errors.hit[np.isin(errors.truth_row, own)].sum())
         n = replace(n, tracked=hits, untracked=len(own) - hits)
     if name in BY_SIGHT:

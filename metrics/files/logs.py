@@ -20,25 +20,11 @@ from fbench.replay.formats.export_request import ExportRequest, LeftOut
 from fbench.replay.formats.export_sources import log_sequence
 from fbench.replay.formats.nuscenes import TOKENS, Sample
 from fbench.replay.formats.sequence import BoxSequence
-from fbench.replay.logs.open import LOG_JSON
 from fbench.replay.setup.source import LogRequest, log_source
 
-SUFFIX = ".mcap"
 B = TypeVar("B", Boxes2D, Boxes3D)
 _UNKNOWN = {"f": np.nan, "i": -1, "u": 0, "b": False, "U": ""}
 """What stands for 'unknown' where a frame lacks what others have."""
-
-
-def is_log(path: Path) -> bool:
-    """Tell whether a path is a log of fbench, by its name."""
-    return (path.is_file() and path.suffix == SUFFIX) or (path / LOG_JSON).is_file()
-
-
-def logs_in(path: Path) -> list[Path]:
-    """Return the logs that a path is or, as a folder, holds; none where it is something else."""
-    if is_log(path):
-        return [path]
-    return [own for own in sorted(path.iterdir()) if is_log(own)] if path.is_dir() else []
 
 
 def open_logs(path: Path, logs: list[Path]) -> Source:

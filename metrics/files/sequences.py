@@ -5,21 +5,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from fbench.metrics.files.logs import logs_in, open_logs
 from fbench.metrics.files.side import InputWarning, InputWarnings, Side, Where, find_missing_entries, join, nothing
 from fbench.metrics.files.sources import Source, open_images, open_submissions, open_tables, open_texts
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.sequences import Sequence, Space
-from fbench.replay.formats.open import recognize
-from fbench.replay.formats.table_files import SUFFIXES
+from fbench.replay.formats.recognition import SUFFIXES, recognize
 from fbench.replay.formats.text import MAX_FRAMES, frame_number, lines
+from fbench.replay.logs.container import LOG_JSON
 
 FORMS = ("table", "kitti", "kitti-tracking", "ab3dmot", "mot", "nuscenes", "log")
 _NUSCENES_TABLES = "nuscenes-tables"
 _NUSCENES_VERSIONS = ("v1.0-mini", "v1.0-trainval", "v1.0-test")
 _INNER = ("data", "label_02", "label_2")
 _MAX_INSPECTED = 20
+_LOG_SUFFIX = ".mcap"
 _NUM_SEQMAP = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
 Missing = Literal["error", "empty"]
 MISSING: tuple[Missing, ...] = get_args(Missing)
@@ -33,9 +33,11 @@ def open_source(path: Path, form: str | None, is_truth: bool, like: Source | Non
     form can't be told.
     """
     _require_usable(path, form)
-    if form in (None, "log") and (logs := logs_in(path)):
+    if form in (None, "log") and (logs := _logs_in(path)):
         if not is_truth:
             raise ConfigError(f"{path}: a log; score the results in it by fbench replay {path} -p recorded")
+        from fbench.metrics.files.logs import open_logs  # logs take a while to import
+
         return open_logs(path, logs)
     files = _files(path)
     kind = form or _form(path, files, like)
@@ -50,6 +52,18 @@ def open_source(path: Path, form: str | None, is_truth: bool, like: Source | Non
     return open_texts(path, kind, files, is_truth, is_single=path.is_file() or _is_sequence(path))
 
 
+def _is_log(path: Path) -> bool:
+    """Tell whether a path is a log of fbench, by its name."""
+    return (path.is_file() and path.suffix == _LOG_SUFFIX) or (path / LOG_JSON).is_file()
+
+
+def _logs_in(path: Path) -> list[Path]:
+    """Return the logs that a path is or, as a folder, holds; none where it is something else."""
+    if _is_log(path):
+        return [path]
+    return [own for own in sorted(path.iterdir()) if _is_log(own)] if path.is_dir() else []
+
+
 def _require_usable(path: Path, form: str | None) -> None:
     if not path.exists():
         raise ConfigError(f"{path}: no such file or folder")
@@ -60,7 +74,7 @@ def _require_usable(path: Path, form: str | None) -> None:
         raise ConfigError(f"{path}: the tables of nuScenes aren't scored as they are; {advice}")
     if form is not None and form not in FORMS:
         raise ConfigError(f"'{form}' is no form of boxes that can be scored{did_you_mean(form, FORMS)}")
-    if form == "log" and not logs_in(path):
+    if form == "log" and not _logs_in(path):
         raise LogError(f"{path}: no log of fbench, which is a file .mcap or a folder with log.json")
     if path.is_dir() and (path / "manifest.json").is_file():
         raise ConfigError(f"{path}: a run folder; score it by itself: fbench score {path}")

@@ -186,8 +186,9 @@ def _place_on_frames(side: Side, frames: Int64) -> tuple[Side, int]:
     """Give steps their numbers; boxes of other frames are left out, and these frames counted."""
     step = side.objects.step
     at = _nearest(step, frames, TOLERANCE_NS if side.has_stamps else 0)
-    kept = side.select(at >= 0)
-    return replace(kept, objects=replace(kept.objects, step=at[at >= 0])), len(np.unique(step[at < 0]))
+    there = at >= 0
+    kept = side if there.all() else side.select(there)
+    return replace(kept, objects=replace(kept.objects, step=at[there])), len(np.unique(step[~there]))
 
 
 def _nearest(keys: Int64, frames: Int64, tolerance: int) -> Int64:

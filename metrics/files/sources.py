@@ -3,17 +3,20 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fbench.metrics.files.nuscenes import Submission, open_submission
 from fbench.metrics.files.side import Side, objects_of
-from fbench.metrics.files.table import Table, open_table
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.formats.kitti import read_ab3dmot_columns, read_object_columns, read_tracking_columns
 from fbench.replay.formats.mot import read_mot_columns, sequence_length
 from fbench.replay.formats.text import frame_number
+
+if TYPE_CHECKING:
+    from fbench.metrics.files.table import Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +60,8 @@ def open_images(path: Path, files: Mapping[str, Path]) -> Source:
 
 def open_tables(path: Path, files: Mapping[str, Path]) -> Source:
     """Open tables: a file a sequence, or by a column `sequence`. Raises LogError where two have one sequence."""
+    from fbench.metrics.files.table import open_table  # what reads tables takes a while to import
+
     found: dict[str, tuple[Table, str]] = {}
     for stem, file in files.items():
         table = open_table(file)

@@ -5,26 +5,25 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
 from fbench.metrics.files.sequences import FilePair
 from fbench.metrics.files.side import InputWarning, has_solids
 from fbench.metrics.profiles.catalog import AnyProfile, profile_of
 from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
 from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
 from fbench.metrics.profiles.trackeval.profiles import TracksProfile
-from fbench.metrics.reference_runs.images import image_sequence
-from fbench.metrics.reference_runs.world import body_sequence, world_sequence
-from fbench.metrics.runs.spaces import ground_view, image_view
 from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean
 from fbench.replay.contracts.profiles import Match, Profile, Statistics
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.data.sequences import Sequence, Space
-from fbench.replay.runs.folder import Run
+
+if TYPE_CHECKING:  # reading of runs and resampling take a while to import
+    from fbench.metrics.core.bootstrap import Bootstrap
+    from fbench.replay.runs.folder import Run
 
 
 def choose_profile(name: str, match: str | None) -> AnyProfile:
@@ -89,7 +88,7 @@ def _space_of(match: Match) -> Space:
     return "2d" if match.kind == "iou2d" else "3d"
 
 
-def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> Sequence:
+def run_sequence(run: "Run", profile: AnyProfile, match: Match | None = None) -> Sequence:
     """Return truth and results of a run as the benchmark's own files would have them: tracks or detections, in images,
     the body or the world, with the benchmark's names of classes.
 
@@ -97,6 +96,10 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     `own_rows`. By a `match` of the user a profile in images matches in space, and the other way round. Raises
     MetricError where nothing has truth of the kind (GT001), or results aren't of it.
     """
+    from fbench.metrics.reference_runs.images import image_sequence
+    from fbench.metrics.reference_runs.world import body_sequence, world_sequence
+    from fbench.metrics.runs.spaces import ground_view, image_view
+
     facts = profile.facts
     table = run.tracks if facts.judges_tracks else run.detections
     space = facts.space
@@ -137,7 +140,7 @@ class Evaluation(Generic[S]):
         """The sum over all sequences."""
         return reduce(add, self.statistics.values())
 
-    def scores(self, how: Bootstrap | None = None) -> list[Score]:
+    def scores(self, how: "Bootstrap | None" = None) -> list[Score]:
         """Return rows over all sequences, then of each where there are several.
 
         With resamples, `how`, the numbers over all have confidence intervals: what other sequences of their kind would
@@ -147,7 +150,12 @@ class Evaluation(Generic[S]):
         def rows_of(total: S) -> list[Score]:
             return self.profile.scores(total, "all")
 
-        rows = rows_of(self.total) if how is None else with_intervals(self.statistics, rows_of, how, "sequences")
+        if how is None:
+            rows = rows_of(self.total)
+        else:
+            from fbench.metrics.core.bootstrap import with_intervals
+
+            rows = with_intervals(self.statistics, rows_of, how, "sequences")
         if len(self.statistics) > 1:
             for name, own in self.statistics.items():
                 rows += self.profile.scores(own, f"sequence {name}")

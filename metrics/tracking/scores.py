@@ -67,12 +67,13 @@ def _clear_rules(match: Match) -> ClearRules:
 def _follow(judgement: Judgement) -> tuple[Problem, ClearPairs, Int64]:
     """The problem of the estimates that count, its pairs, and the truth box (M,) of each estimate; -1: none."""
     candidates, used = judgement.candidates, judgement.is_used
-    truth, estimates, stream = candidates.truth, candidates.estimates[used], candidates.sequence.steps.stream
-    similarity = candidates.similarity.select(np.ones(len(truth), bool), used)
+    sequence, rows = candidates.sequence, (candidates.truth_row, candidates.estimate_row[used])
+    stream, similarity = sequence.steps.stream, candidates.similarity.select(np.ones(len(rows[0]), bool), used)
+    sides = tuple(zip((sequence.truth, sequence.estimates), rows, strict=True))
+    ids = (objects.track_id[own] for objects, own in sides)
     # Those without an id are tracks of their own.
-    alone = (np.where(o.track_id < 0, np.arange(len(o)) - len(o), o.track_id) for o in (truth, estimates))
-    truth_id, estimate_id = map(number_tracks, alone, (stream[truth.step], stream[estimates.step]))
-    rows = candidates.truth_row, candidates.estimate_row[used]
+    alone = (np.where(own < 0, np.arange(len(own)) - len(own), own) for own in ids)
+    truth_id, estimate_id = map(number_tracks, alone, (stream[objects.step[own]] for objects, own in sides))
     problem = Problem(similarity, stream, truth_id, estimate_id, *rows)
     pairs, partner = clear_pairs(problem, _clear_rules(candidates.match)), np.full(len(used), -1)
     partner[used] = pairs.truth_of

@@ -4,14 +4,12 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean, wrong_key
 from fbench.replay.contracts.settings import apply_settings, names_file
@@ -42,15 +40,22 @@ class Variant:
         return self.name.replace("/", "-")
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+@cache
+def _table() -> Any:
+    """What a file may hold, as pydantic has it."""
+    from pydantic import BaseModel, ConfigDict, Field  # takes a while to import
 
-    name: str
-    title: Annotated[str, Field(max_length=200)] = ""
-    base: Annotated[str, Field(min_length=1, max_length=200)]
-    sensors: Annotated[tuple[Annotated[str, Field(min_length=1, max_length=1000)], ...], Field(strict=False)] = ()
-    detect_every: int | None = None
-    parameters: dict[str, Any] = {}
+    class Table(BaseModel):
+        model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+        name: str
+        title: Annotated[str, Field(max_length=200)] = ""
+        base: Annotated[str, Field(min_length=1, max_length=200)]
+        sensors: Annotated[tuple[Annotated[str, Field(min_length=1, max_length=1000)], ...], Field(strict=False)] = ()
+        detect_every: int | None = None
+        parameters: dict[str, Any] = {}
+
+    return Table
 
 
 def read_variant(path: Path) -> Variant:
@@ -64,8 +69,10 @@ def parse_variant(content: bytes, where: str, folder: Path | None, group: str = 
     """Return the variant that a file's content defines; `group` is what precedes the name of a built-in one. Raises
     ConfigError as `read_variant` does.
     """
+    from pydantic import ValidationError
+
     try:
-        table = _Table.model_validate(parse_toml(content))
+        table = _table().model_validate(parse_toml(content))
         if not re.fullmatch(_NAME, table.name):
             raise TomlError("'name': expected at most 60 letters, digits, and '_', '-', '.' between them")
         settings = dict[str, str]()
@@ -78,7 +85,7 @@ def parse_variant(content: bytes, where: str, folder: Path | None, group: str = 
         raise ConfigError(f"{where}: {error}", "CFG003") from error
     except ValidationError as error:
         hint = "; parameters of the pipeline belong under [parameters]"
-        raise ConfigError(f"{where}: {wrong_key(error, lambda _: _Table, hint)}", "CFG003") from error
+        raise ConfigError(f"{where}: {wrong_key(error, lambda _: _table(), hint)}", "CFG003") from error
     full_name = f"{group}/{table.name}" if group else table.name
     return Variant(full_name, table.title, table.base, tuple(settings.items()), table.sensors, where, folder)
 

@@ -83,14 +83,19 @@ class Score:
         return self.metric, self.class_, self.slice, self.matching
 
     def __post_init__(self) -> None:
-        where = f"score {self.metric} ({self.matching})"
         if self.value is not None and not math.isfinite(self.value):
-            raise MetricError(f"{where}: {self.value} isn't a number, use null and a reason")
+            raise MetricError(f"{self._where}: {self.value} isn't a number, use null and a reason")
         if (self.value is None) != (self.reason is not None):
-            raise MetricError(f"{where}: a reason goes with null and only with null")
+            raise MetricError(f"{self._where}: a reason goes with null and only with null")
+        if self.low is None and self.high is None:
+            return
         ends = [end for end in (self.low, self.high) if end is not None]
-        if len(ends) == 1 or not all(map(math.isfinite, ends)) or ends != sorted(ends) or (ends and not self.interval):
-            raise MetricError(f"{where}: {self.low} to {self.high} isn't an interval")
+        if len(ends) == 1 or not all(map(math.isfinite, ends)) or ends != sorted(ends) or not self.interval:
+            raise MetricError(f"{self._where}: {self.low} to {self.high} isn't an interval")
+
+    @property
+    def _where(self) -> str:
+        return f"score {self.metric} ({self.matching})"
 
 
 def ratio(
@@ -111,16 +116,51 @@ def ratio(
 
 def save_scores(path: Path, scores: Sequence[Score]) -> None:
     """Write scores as JSON; equal scores give equal bytes."""
-    replace_text(path, json.dumps(score_rows(scores), indent=1, allow_nan=False) + "\n")
+    replace_text(path, _dump_rows(scores) + "\n")
+
+
+_NAMES = tuple((f.name, "class" if f.name == "class_" else f.name) for f in fields(Score))
+_encode = json.JSONEncoder(allow_nan=False).encode
+_encode_counts = json.JSONEncoder(allow_nan=False, separators=(",\n   ", ": ")).encode
+
+
+def _dump_rows(scores: Sequence[Score]) -> str:
+    """Return what `json.dumps` gives for `score_rows` with `indent=1`, for which Python has no encoder in C."""
+    known: dict[object, str] = {}  # Few texts and counts are many scores'
+
+    def encode(value: object) -> str:
+        if not isinstance(value, str):
+            return "null" if value is None else _encode(value)
+        if value not in known:
+            known[value] = _encode(value)
+        return known[value]
+
+    def encode_counts(counts: Mapping[str, int | float]) -> str:
+        if id(counts) not in known:
+            known[id(counts)] = f"{{\n   {_encode_counts(dict(counts))[1:-1]}\n  }}" if counts else "{}"
+        return known[id(counts)]
+
+    rows = []
+    for score in scores:
+        values = [
+            f'"{name}": {encode_counts(score.counts) if own == "counts" else encode(value)}'
+            for own, name in _NAMES
+            if (value := getattr(score, own)) is not None or own not in _OF_INTERVALS
+        ]
+        rows.append(" {\n  " + ",\n  ".join(values) + "\n }")
+    return "[\n" + ",\n".join(rows) + "\n]" if rows else "[]"
 
 
 def score_rows(scores: Sequence[Score]) -> list[dict[str, object]]:
     """Return scores as they stand in `scores.json`; nothing is said of intervals where none was asked for."""
     rows: list[dict[str, object]] = []
     for score in scores:
-        values = {("class" if f.name == "class_" else f.name): getattr(score, f.name) for f in fields(score)}
-        row = {name: value for name, value in values.items() if value is not None or name not in _OF_INTERVALS}
-        rows.append(row | {"counts": dict(score.counts)})
+        row = {name: getattr(score, own) for own, name in _NAMES}
+        for name in _OF_INTERVALS:
+            if row[name] is None:
+                del row[name]
+        row["counts"] = dict(score.counts)
+        rows.append(row)
     return rows
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -59,10 +60,10 @@ class PlainText:
 
     def texts(self, column: int) -> tuple[Text, Int64]:
         """Return the different texts (U,) and which of them each row (N,) has."""
-        found = self.table.column(column).combine_chunks()
-        if not pa.types.is_string(found.type) or found.null_count:
+        found = self.table.column(column)
+        if not pa.types.is_dictionary(found.type) or found.null_count or found.num_chunks != 1:
             raise IrregularError
-        coded = found.dictionary_encode()
+        coded = found.chunk(0)
         words = coded.dictionary.to_pylist()
         if any(len(word) > MAX_TEXT for word in words):
             raise IrregularError
@@ -77,6 +78,13 @@ def read_bytes(path: Path) -> bytes:
         raise LogError(f"{path}: can't be read ({error.strerror})") from error
 
 
+@cache
+def _conversion(words: int | None) -> pacsv.ConvertOptions:
+    text = pa.dictionary(pa.int32(), pa.string())
+    types = {f"f{i}": text if i == words else pa.float64() for i in range(_MAX_COLUMNS)}
+    return pacsv.ConvertOptions(column_types=types, null_values=[""], strings_can_be_null=True)
+
+
 def parse_plain(content: bytes, separator: str, words: int | None = None) -> PlainText | None:
     """Parse a text whose rows have one length; `None` where nothing is in it. One separator is between two columns, and
     column `words` has no numbers. Raises IrregularError where rows differ in length, or it is no plain text.
@@ -85,13 +93,12 @@ def parse_plain(content: bytes, separator: str, words: int | None = None) -> Pla
         return None
     if any(odd in content for odd in _ODD):
         raise IrregularError
-    types = {f"f{i}": pa.string() if i == words else pa.float64() for i in range(_MAX_COLUMNS)}
     try:
         table = pacsv.read_csv(
             pa.BufferReader(content),
             pacsv.ReadOptions(use_threads=False, block_size=len(content) + 1, autogenerate_column_names=True),
             pacsv.ParseOptions(delimiter=separator, quote_char=False, ignore_empty_lines=True),
-            pacsv.ConvertOptions(column_types=types, null_values=[""], strings_can_be_null=True),
+            _conversion(words),
         )
     except pa.ArrowException:
         raise IrregularError from None

@@ -11,10 +11,6 @@ from typing import Any
 from xml.parsers import expat
 from xml.parsers.expat import XMLParserType
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent, MappingEndEvent, NodeEvent, ScalarEvent
-
 from fbench.replay.contracts.errors import LimitError, LogError
 
 _MAX_BYTES = 256 * 2**20
@@ -196,6 +192,10 @@ def parse_yaml(content: bytes) -> object:
     """Parse without interpreting: values are dicts, lists and texts, so that no tag, date or number can do harm. Raises
     YamlFileError where it is damaged, nested too deeply, or has aliases or one key twice.
     """
+    from ruamel.yaml import YAML  # takes a while to import
+    from ruamel.yaml.error import YAMLError
+    from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent, MappingEndEvent, NodeEvent, ScalarEvent
+
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

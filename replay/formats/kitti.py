@@ -33,6 +33,7 @@ from fbench.replay.formats.objects import (
     to_boxes3d,
     to_columns,
 )
+from fbench.replay.formats.recognition import AB3DMOT_COLUMNS
 from fbench.replay.formats.sequence import (
     CAMERA_T_LEVEL,
     BoxSequence,
@@ -70,7 +71,6 @@ _IGNORED_OBJECT = "-1 -1 -1 -1000 -1000 -1000 -10"
 _AB3DMOT_NAMES = (
     "left", "top", "right", "bottom", "score", "height", "width", "length", "x", "y", "z", "rotation_y", "alpha",
 )  # fmt: skip
-AB3DMOT_COLUMNS = 2 + len(_AB3DMOT_NAMES)  # Frame, number of the class, then these
 _AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 
 

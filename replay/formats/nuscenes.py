@@ -18,13 +18,13 @@ from fbench.replay.data.messages import Truth
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import Columns, LabeledObject, Solid, angles, place, to_boxes3d, to_columns
+from fbench.replay.formats.recognition import COMPANIONS
 from fbench.replay.formats.sequence import BoxFrame, BoxSequence, drop_unusable
 from fbench.replay.formats.text import track_number
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
-COMPANIONS = ("sample.json", "samples.csv")  # What tells when samples are, beside a submission
 FRAMES_BELOW = 10_000_000  # Tokens that are smaller numbers count frames, others are stamps
 UNKNOWN_EGO = (np.nan,) * 3
 _MAX_NS = 2**63 - 1

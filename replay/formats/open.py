@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -11,19 +10,17 @@ from fbench.replay.contracts.errors import ConfigError, DataError, LogError, did
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
-from fbench.replay.formats.documents import head_of
-from fbench.replay.formats.kitti import AB3DMOT_COLUMNS, open_ab3dmot, open_kitti, open_kitti_tracking
+from fbench.replay.formats.kitti import open_ab3dmot, open_kitti, open_kitti_tracking
 from fbench.replay.formats.mot import open_mot
-from fbench.replay.formats.nuscenes import COMPANIONS, open_nuscenes
+from fbench.replay.formats.nuscenes import open_nuscenes
 from fbench.replay.formats.openlabel import open_openlabel
+from fbench.replay.formats.recognition import recognize
 from fbench.replay.formats.table import open_table
-from fbench.replay.formats.table_files import SUFFIXES
-from fbench.replay.formats.text import digest_of, is_number
+from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.manifest import TruthEntry
 
-_MAX_INSPECTED = 20
 FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator[Truth]]] = {
     "table": open_table,
     "kitti": open_kitti,
@@ -33,55 +30,6 @@ FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator
     "nuscenes": open_nuscenes,
     "openlabel": open_openlabel,
 }
-
-
-def recognize(path: Path) -> str:
-    """Return the name of the form. Raises LogError where it can't be told."""
-    form = _recognize_folder(path) if path.is_dir() else _recognize_file(path)
-    if form is None:
-        forms = "a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge .txt, nuScenes or OpenLABEL .json"
-        raise LogError(f"{path}: no form of boxes that fbench knows ({forms})")
-    return form
-
-
-def _recognize_folder(path: Path) -> str | None:
-    if (path / "label_2").is_dir():
-        return "kitti"
-    if (path / "label_02").is_dir():
-        return "kitti-tracking"
-    if any((path / name).is_file() for name in ("gt/gt.txt", "det/det.txt", "gt.txt", "det.txt")):
-        return "mot"
-    files = sorted(file for file in path.iterdir() if file.is_file() and file.name not in COMPANIONS)
-    if any(file.suffix.lower() in SUFFIXES for file in files):
-        return "table"
-    numbered = [file for file in files if file.suffix == ".txt" and file.stem.isascii() and file.stem.isdigit()]
-    found = (form for file in numbered[:_MAX_INSPECTED] if (form := _recognize_text(file)) is not None)
-    return next(found, "kitti" if numbered else None)
-
-
-def _recognize_file(path: Path) -> str | None:
-    suffix = path.suffix.lower()
-    if suffix == ".json":
-        head = head_of(path)
-        return "openlabel" if '"openlabel"' in head else "nuscenes" if '"results"' in head else None
-    if suffix in SUFFIXES and not (suffix == ".csv" and _recognize_text(path) in ("mot", "ab3dmot")):
-        return "table"
-    return _recognize_text(path) if suffix in (".txt", ".csv") else None
-
-
-def _recognize_text(path: Path) -> str | None:
-    """Tell from the first row; a table has a row of names first."""
-    first = next((line for line in head_of(path).splitlines() if line.strip()), "").lstrip("\ufeff")
-    fields, split = first.split(), first.split(",")
-    if len(split) > 5:
-        if not all(map(is_number, filter(None, (field.strip() for field in split)))):
-            return None
-        return "ab3dmot" if len(split) == AB3DMOT_COLUMNS else "mot"
-    if len(fields) in (15, 16):
-        return "kitti"
-    # Frame, id, class ...; some trackers write more behind the score.
-    is_row = len(fields) >= 17 and is_number(fields[0]) and not is_number(fields[2])
-    return "kitti-tracking" if is_row else None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import label
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.objects import angles, default_camera, find_camera, place
-from fbench.replay.formats.table_files import SUFFIXES, TableFile, Values, instants, open_table_file
+from fbench.replay.formats.recognition import SUFFIXES
+from fbench.replay.formats.table_files import TableFile, Values, instants, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.columns import column_array

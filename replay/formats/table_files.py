@@ -19,7 +19,6 @@ from fbench.replay.formats.text import stamp_of_seconds, track_number
 from fbench.replay.logs.containers.parquet.footer import Chunk, DamageError, read_groups, read_tail, require_parsable
 from fbench.replay.logs.containers.parquet.groups import read_page
 
-SUFFIXES = (".csv", ".tsv", ".parquet")
 KEYS = ("stamp_ns", "stamp_s", "frame")
 ROW = "row"  # Column that is added: the number of each row, 1 for the first behind the header
 _ROWS_AT_ONCE = 16384

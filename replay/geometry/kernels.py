@@ -16,6 +16,7 @@ import numba
 import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
+from numba.core.runtime import rtsys
 
 from fbench.replay.data.files import fbench_cache
 
@@ -161,7 +162,10 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
             if not self._is_open:
                 super().__init__(self._function)
                 self._is_open = True
-            return super().load_overload(sig, target_context)
+            # What a compiler needs it prepares itself. numba's own method does so here, too, though machine code needs
+            # only the runtime that allocates arrays: that takes longer than all else, as it imports scipy.
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)
         except _DAMAGED:
             self._start_anew()
             return None

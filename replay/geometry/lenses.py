@@ -10,7 +10,6 @@ from functools import cached_property, lru_cache
 from typing import ClassVar, TypeAlias
 
 import numpy as np
-from numpy.polynomial import polynomial
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Array, Float64
@@ -37,6 +36,7 @@ class _Polynomial:
     def max_r2(self) -> float:
         """Where the radial part stops to grow: the first root of its derivative, or of the denominator."""
         n, d = [1.0, *self.top], [1.0, *self.bottom]
+        polynomial = np.polynomial.polynomial  # imported on first use
         cross = polynomial.polysub(
             polynomial.polymul(polynomial.polyder(n), d), polynomial.polymul(n, polynomial.polyder(d))
         )
@@ -162,7 +162,7 @@ def _first_root(ascending: Array) -> float:
     """Smallest positive real root of a polynomial that is 1 at 0; infinite where there is none. Its inverse is the
     largest root of the polynomial with the coefficients in reverse, whose leading one is 1.
     """
-    roots = polynomial.polyroots(ascending[::-1])
+    roots = np.polynomial.polynomial.polyroots(ascending[::-1])
     real = roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 1 / _FARTHEST**2)]
     return float(1 / real.max()) if len(real) else float(np.inf)
 

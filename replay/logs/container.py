@@ -19,6 +19,8 @@ from fbench.replay.logs.codecs.codec import TruthPart
 NAME = "fbench"
 _ID, _DIGEST, _METADATA, _SENSOR = "log_id", "digest", "metadata.", "sensor."
 
+LOG_JSON = "log.json"  # By which a folder is a Parquet log
+
 
 @dataclass(frozen=True)
 class LogHeader:

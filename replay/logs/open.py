@@ -11,7 +11,7 @@ import numpy as np
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
-from fbench.replay.logs.container import Channel, Container, Entry, merge_blocks
+from fbench.replay.logs.container import LOG_JSON, Channel, Container, Entry, merge_blocks
 from fbench.replay.logs.containers.limits import StoredLog
 from fbench.replay.logs.containers.mcap.file import McapFile
 from fbench.replay.logs.containers.rosbag.zstd import require_plain
@@ -20,7 +20,6 @@ from fbench.replay.logs.setup import Setup
 
 T = TypeVar("T")
 _IDS = 2**32  # Channel `c` of part `p` gets the id `p * _IDS + c`
-LOG_JSON = "log.json"
 _METADATA = "metadata.yaml"  # Of rosbag2
 _MAX_NS = 2**63 - 1
 

@@ -3,13 +3,15 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.data.messages import Message, Tick
 from fbench.replay.data.rig import Kind
-from fbench.replay.logs.codecs.plugin import NamedDecoder
-from fbench.replay.logs.rig_patch import RigPatch
+
+if TYPE_CHECKING:  # decoders take a while to import, which readers of boxes needn't
+    from fbench.replay.logs.codecs.plugin import NamedDecoder
+    from fbench.replay.logs.rig_patch import RigPatch
 
 M = TypeVar("M", bound=Message | Tick)
 Doppler = Literal["receding", "approaching"]
@@ -41,6 +43,12 @@ class BoxSource:
     camera: str = ""  # Camera of 2D boxes; empty: as the file says, else the only one
 
 
+def _make_patch() -> "RigPatch":
+    from fbench.replay.logs.rig_patch import RigPatch
+
+    return RigPatch()
+
+
 @dataclass(frozen=True, eq=False)
 class Setup:
     """Which topics are which sensors, and what else the log doesn't say."""
@@ -50,14 +58,14 @@ class Setup:
     body: str = ""  # Coordinate frame of the body; empty: as its name tells
     pose: str = ""  # Topic with the poses of the body; empty: as the log says
     world: str = ""  # Coordinate frame in which poses from transforms are wanted; empty: the one above all others
-    rig: RigPatch = field(default_factory=RigPatch)
+    rig: "RigPatch" = field(default_factory=_make_patch)
     truth_topics: tuple[str, ...] | None = None  # Topics of ground truth; `None`: as their names tell
     result_topics: tuple[str, ...] = ()  # Topics of another system's results
     truth: BoxSource | None = None  # Ground truth instead of that of the log
     results: BoxSource | None = None
     classes: Mapping[str, str] = field(default_factory=dict)
     """Label of fbench, or `ignore`, for the name that a source gives to a class."""
-    decoders: tuple[NamedDecoder, ...] = ()  # Of messages that fbench doesn't know; the first one that fits counts
+    decoders: "tuple[NamedDecoder, ...]" = ()  # Of messages that fbench doesn't know; the first one that fits counts
     source: str = ""  # Where this was read, for errors
 
 

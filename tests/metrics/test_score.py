@@ -1,5 +1,6 @@
 """All scores of a run: order, the same rows whatever was found, and bytes."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.protocols import Metric
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import Rig
-from fbench.replay.data.scores import Score, ScoreOptions, load_scores, save_scores
+from fbench.replay.data.scores import Score, ScoreOptions, load_scores, save_scores, score_rows
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import rig_entry
 
@@ -98,6 +99,19 @@ def test_equal_runs_give_equal_bytes_and_read_back(make_run: MakeRun, tmp_path: 
     save_scores(tmp_path / "b.json", second)
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
     assert load_scores(tmp_path / "a.json") == first
+
+
+def test_scores_are_written_as_python_writes_json(tmp_path: Path) -> None:
+    counts = {"tp": 3, "sum": 0.1}
+    rows = [
+        Score('a"\\\n', "car", "all", "iou 0.5", 1e-300, None, "1", counts, low=-0.0, high=1.0, interval="bootstrap"),
+        Score("b", "Fußgänger", "all", "iou 0.5", None, "no truth", "m", counts),
+        Score("b", "car", "", "\u2028", 3, None, "m", {}),
+    ]
+    for number, some in enumerate((rows, rows[1:], [])):
+        save_scores(tmp_path / f"{number}.json", some)
+        expected = json.dumps(score_rows(some), indent=1, allow_nan=False) + "\n"
+        assert (tmp_path / f"{number}.json").read_text("utf-8") == expected
 
 
 @pytest.mark.parametrize("options", [{"iou": 0.0}, {"iou": 1.1}, {"distance_m": 0.0}, {"range_m": float("nan")}])

@@ -187,9 +187,8 @@ def test_more_pairs_in_all_frames_than_fit_into_memory_are_refused() -> None:
     assert caught.value.code == "LIM005"
 
 
-@pytest.mark.parametrize("num_steps", [3, 400])  # with more pairs than are looked at together in the second
-def test_parts_hold_the_pairs_of_their_rows_and_columns(num_steps: int) -> None:
-    rng = np.random.Generator(np.random.PCG64(num_steps))
+def test_parts_hold_the_pairs_of_their_rows_and_columns() -> None:
+    num_steps, rng = 40, np.random.Generator(np.random.PCG64(3))
     truth, estimates = (random_objects(seed, 55 * num_steps, num_steps) for seed in (1, 2))
     whole = blocks(truth, estimates, num_steps, "bev")
     rows, columns = rng.integers(2, size=len(truth)) == 0, rng.integers(3, size=len(estimates)) == 0
@@ -201,12 +200,3 @@ def test_parts_hold_the_pairs_of_their_rows_and_columns(num_steps: int) -> None:
         np.testing.assert_array_equal(only.block(step), np.where(own[:, None] | other, block, -np.inf))
     row, column = whole.locate(np.flatnonzero(only.values > -np.inf))
     assert (rows[row] | columns[column]).all()
-
-
-def test_a_crowded_step_is_looked_at_whole() -> None:
-    crowd = objects(*[(x, 0, 0, 4, 2, 1, 0) for x in np.arange(1000.0)])  # 10^6 pairs in each of two steps
-    crowd = replace(crowd[np.tile(np.arange(1000), 2)], step=np.repeat([0, 1], 1000))
-    is_first = np.arange(2000) == 1000
-    part = blocks(crowd, crowd, 2, "bev").select(is_first, np.ones(2000, bool))
-    assert part.values.tolist() == (-np.arange(1000.0)).tolist()
-    np.testing.assert_array_equal(part.start, [0, 0, 1000])

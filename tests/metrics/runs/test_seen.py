@@ -9,7 +9,7 @@ import pytest
 from tests.metrics.conftest import CAMERA_XYZW, NO_CAMERA, Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
 from typer.testing import CliRunner
 
-from fbench.cli.app import app
+from fbench.cli.app import make_app
 from fbench.metrics.explanation import explain_frame
 from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
@@ -237,8 +237,8 @@ def test_explained(make_run: MakeRun) -> None:
 def test_on_the_command_line(tmp_path: Path) -> None:
     write_run(tmp_path / "run", [Case(FOUND, CARS, IN_IMAGE)], rig(*EVERY))
     runner = CliRunner()
-    told = runner.invoke(app, ["score", str(tmp_path / "run"), "--seen", "1", "--explain", "0"])
+    told = runner.invoke(make_app("score"), ["score", str(tmp_path / "run"), "--seen", "1", "--explain", "0"])
     assert told.exit_code == 0
     assert "bev 2 m, within 50 m, in view, seen" in told.stdout
-    refused = runner.invoke(app, ["score", str(tmp_path / "run"), "--seen", "1", "--profile", "coco"])
+    refused = runner.invoke(make_app("score"), ["score", str(tmp_path / "run"), "--seen", "1", "--profile", "coco"])
     assert str(refused.exception) == "--seen doesn't go with --profile"

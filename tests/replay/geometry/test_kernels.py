@@ -77,6 +77,26 @@ def test_kernels_run_and_leave_machine_code_under_their_digest(cache: Path, sour
 
 
 @pytest.mark.slow
+def test_kernels_on_disk_run_without_what_only_a_compiler_needs(cache: Path, sources: Path):
+    (sources / "loops.py").write_text("""
+import sys
+import numpy as np
+from fbench.replay.geometry.kernels import kernel
+
+@kernel
+def double(values):
+    result = np.empty(len(values))  # allocated by numba's runtime
+    for i in range(len(values)):
+        result[i] = 2 * values[i]
+    return result
+
+print(double(np.ones(1000)).sum(), double(np.arange(3)).tolist(), "scipy.linalg" in sys.modules)
+""")
+    assert run(sources) == "2000.0 [0.0, 2.0, 4.0] True\n"
+    assert run(sources) == "2000.0 [0.0, 2.0, 4.0] False\n"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new"),
     [
