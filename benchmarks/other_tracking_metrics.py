@@ -68,7 +68,7 @@ class Motrics:
 
     def count(self, prepared: list[Any]) -> Counts:
         """Count all three metrics."""
-        frames, total = self._motrics.Frames, dict.fromkeys(CLASSES, (0, 0, 0, 0, 0))
+        frames, total = self._motrics.Frames, Counts((name, (0,) * 5) for name in CLASSES)
         for name, (ids, boxes, result_ids, result_boxes) in prepared:
             found = self._motrics.evaluate(frames(ids, boxes), frames(result_ids, result_boxes))
             clear, own = found.clear, found.identity
