@@ -51,8 +51,8 @@ NOTES = (
 )
 """What who reads both must know."""
 _NAMES = (
-    "camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d", "stereo3d", "early2d", "early3d", "early3d-stereo",
-    "late2d", "late2d-stereo", "late2d-filter", "late3d", "late3d-filter",
+    "camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d", "stereo3d", "early2d", "early2d-rgbd", "early3d",
+    "early3d-stereo", "late2d", "late2d-stereo", "late2d-filter", "late3d", "late3d-filter",
 )  # fmt: skip
 _SINGLE = ("camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d")
 _FUSED = ("early2d", "early3d", "late2d", "late3d")

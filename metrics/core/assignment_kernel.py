@@ -110,7 +110,7 @@ def best_places(
 
 @kernel
 def best_rows(  # noqa: C901  # apart it compiles twice as long
-    row_start: Int64, column_start: Int64, block_start: Int64, score: Float64, floor: float, favoured: Bool
+    row_start: Int64, column_start: Int64, block_start: Int64, score: Float64, floor: float, favored: Bool
 ) -> Int64:
     """Row (M,) of each column, -1 without one: in each step as many pairs as there can be, of these those with most
     favored columns (M,), of these those with the highest total. A pair needs a score of `floor`.
@@ -137,7 +137,7 @@ def best_rows(  # noqa: C901  # apart it compiles twice as long
         for i in range(n):
             for j in range(m):
                 value = score[b + i * m + j]
-                rank = weight * weight + weight * favoured[left + j] + (value - low) / span
+                rank = weight * weight + weight * favored[left + j] + (value - low) / span
                 cost[i, j] = -rank if value >= floor else np.inf
         column_of = assign(cost, 0.0)
         for j in range(m):

@@ -74,5 +74,5 @@ def match_best(similarity: Blocks, floor: float, late: Bool | None = None) -> In
     from fbench.metrics.core.assignment_kernel import best_rows  # numba takes a while to import
 
     p = similarity
-    favoured = np.ones(p.shape[1], bool) if late is None else ~late
-    return best_rows(p.row_start, p.column_start, p.start, p.values, floor, favoured)
+    favored = np.ones(p.shape[1], bool) if late is None else ~late
+    return best_rows(p.row_start, p.column_start, p.start, p.values, floor, favored)

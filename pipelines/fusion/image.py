@@ -230,7 +230,7 @@ def _object(view: ImageView, rows: Int64, camera_share: float, params: ImageFusi
         score=_score(view, of, box, depth, depth_std, camera_share, params),
         distance_m=seen.distance_m[of[measured[0]]]
         if measured
-        else find_distance(view.rig, view.camera, box, depth + _HALF_LENGTH_M),
+        else _find_distance(view.rig, view.camera, box, depth + _HALF_LENGTH_M),
         rate_mps=float(seen.rate_mps[of[Source.R]]) if Source.R in of else float("nan"),
         sources=sum(int(kind) for kind in of),
     )
@@ -268,7 +268,7 @@ def _score(
     return combine_factors(params.prior, factor.values())
 
 
-def find_distance(rig: Rig, camera: str, box: Float64, depth_m: float) -> float:
+def _find_distance(rig: Rig, camera: str, box: Float64, depth_m: float) -> float:
     """Distance from the body's origin [m] of what lies in the middle of a box (4,) at this depth [m], NaN where that
     isn't known.
     """

@@ -26,7 +26,7 @@ from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoSta
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, Memory, TrackingPipeline
 from fbench.pipelines.tracking.trackers import B, Tracker, Tracker2D, Tracker3D
-from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
@@ -73,20 +73,20 @@ class FusionPipeline(TrackingPipeline[B]):
         self._cameras.require_projections()
         self.missing, self.weights = self._cameras.missing, self._cameras.identity
 
-    def _see(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> Any:
+    def _view_cameras(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> Any:
         """What cameras see by themselves."""
         return self._cameras.view(frame, clock, faults)
 
-    def _look(self, seen: tuple[Any, ...], clock: StageClock) -> tuple[Any, ...]:
-        """What is seen where cameras know what other sensors measured; by default that makes no difference."""
+    def _relate(self, seen: tuple[Any, ...], clock: StageClock) -> tuple[Any, ...]:
+        """Let cameras know what other sensors measured; by default that makes no difference."""
         return seen
 
     def _view(
         self, frame: Frame, clock: StageClock, faults: list[Fault], *others: Callable[[Frame, StageClock], Any]
     ) -> tuple[Any, ...]:
         """Return what the cameras see, by name, and what `others` give; a corrupt image is one of the `faults`."""
-        views: list[Callable[..., Any]] = [partial(self._see, faults=faults), *others]
-        found = self._look(self._branches.run(clock, *(partial(view, frame) for view in views)), clock)
+        views: list[Callable[..., Any]] = [partial(self._view_cameras, faults=faults), *others]
+        found = self._relate(self._branches.run(clock, *(partial(view, frame) for view in views)), clock)
         for kind, view in zip(self.kinds, found, strict=True):
             clock.note(kind, view)
         return found
@@ -98,12 +98,17 @@ StereoPair = Literal["auto", "on", "off"]
 def _take_pair(
     pipeline: str, wanted: StereoPair, params: StereoParams, rig: Rig, log_info: LogInfo
 ) -> StereoStage | None:
-    """Take the stereo pair of a rig, if it is to be used: `auto`, where the rig has one and no LiDAR. Raises LogError
-    where it must be there and isn't, or where nothing else measures depth.
+    """Take the stereo pair of a rig, if it is to be used: `auto`, where the rig has one that gives depth, and no LiDAR.
+    Raises ConfigError where a camera that is named isn't there. Raises LogError where the pair must be there and isn't,
+    or where nothing else measures depth.
     """
     is_auto = wanted == "auto" and not rig.sensors("lidar") and bool(pairs(rig))
     if wanted == "on" or is_auto:
-        return StereoStage(rig, log_info.name, params)
+        try:
+            return StereoStage(rig, log_info.name, params)
+        except LogError:
+            if wanted == "on" or not rig.sensors("radar"):
+                raise
     require(pipeline, ("lidar", "radar"), rig, log_info, "a LiDAR, a radar or a stereo pair of cameras")
     return None
 
@@ -242,14 +247,14 @@ class OneCloud(FusionPipeline[B]):
         views = self._view(frame, clock, of_images, find_depth, self._radar.echoes)
         return views, tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
 
-    def _see(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> Any:
+    def _view_cameras(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> Any:
         return (self._network or self._cameras).view(frame, clock, faults)
 
-    def _look(self, seen: tuple[Any, ...], clock: StageClock) -> tuple[Any, ...]:
+    def _relate(self, seen: tuple[Any, ...], clock: StageClock) -> tuple[Any, ...]:
         if self._network is None:
             return seen
         images, depth, echoes = seen
-        return self._network.look(images, depth, echoes, clock), depth, echoes
+        return self._network.detect(images, depth, echoes, clock), depth, echoes
 
     def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[B]:
         (cameras, depth, echoes), faults = seen

@@ -165,7 +165,8 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
             # What a compiler needs it prepares itself. numba's own method does so here, too, though machine code needs
             # only the runtime that allocates arrays: that takes longer than all else, as it imports scipy.
             rtsys.initialize(target_context)
-            return self._load_overload(sig, target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
         except _DAMAGED:
             self._start_anew()
             return None

@@ -183,4 +183,4 @@ def test_a_stereo_pair_in_one_place_is_none(fbench, tmp_path):
     log = write_log(tmp_path / "log.mcap", both, pair)
     result = fbench("replay", log, "-p", "stereo3d", "-o", "run")
     assert (result.code, result.err.count("\n")) == (3, 1)
-    assert "stereo3d needs two cameras" in result.err
+    assert "a stereo pair needs two cameras" in result.err

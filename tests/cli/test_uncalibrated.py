@@ -70,7 +70,7 @@ def test_a_converted_log_still_says_that_nothing_is_known(fbench, tmp_path, one_
 OTHERS = {
     "lidar2d": "lidar2d can't project into camera 'optical': no transform places it on the body; add it with --rig",
     "late2d": "late2d can't project into camera 'optical': no transform places it on the body; add it with --rig",
-    "stereo3d": "stereo3d needs two cameras of one size with calibration",
+    "stereo3d": "a stereo pair needs two cameras of one size with calibration",
     "radar3d": "radar3d needs a radar; the log has: lidar lidar, camera optical",
 }
 

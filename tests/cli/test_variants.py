@@ -49,7 +49,7 @@ def test_a_log_that_does_not_fit_a_variant(fbench, log, far):
     far.write_text(FAR.replace("lidar3d", "stereo3d"))
     result = fbench("replay", log, "-p", far, "--sensors", "lidar")
     assert result.code == 3
-    assert "stereo3d needs two cameras" in result.err
+    assert "a stereo pair needs two cameras" in result.err
     assert result.err.rstrip().endswith("far-cars is a variant of stereo3d [CFG001]")
 
 

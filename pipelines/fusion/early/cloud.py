@@ -88,7 +88,7 @@ def merge_clouds(depth: DepthView, echoes: Compensated | None, min_speed_mps: fl
     return FusedCloud.join([dense, every[moving | standing]])
 
 
-_DENSE = RadarImageParams()  # How a radar shows the ground and shapes
+_DENSE = RadarImageParams()  # How a radar shows the ground and shapes; from how many echoes on depends on the log
 
 
 def find_dense_ground(

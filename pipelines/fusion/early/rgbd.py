@@ -87,7 +87,7 @@ class RgbdStage:
                     found[name] = pixels
         return found
 
-    def look(
+    def detect(
         self, images: Mapping[str, Pixels], depth: DepthView, echoes: Compensated | None, clock: StageClock
     ) -> RgbdView:
         """Detect in the images of one frame, unless only earlier ones tell how the ground lies."""

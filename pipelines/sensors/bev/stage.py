@@ -65,10 +65,6 @@ class BevInput:
         if self._lidar is not None:
             self._lidar.note_pose(frame)
 
-    def view(self, frame: Frame, clock: StageClock) -> tuple[BevPoints, Plane]:
-        """Points of one frame, and the ground that their heights are above."""
-        return self.prepare(self.measure(frame, clock), clock)
-
     def measure(self, frame: Frame, clock: StageClock) -> BevMeasurement:
         """Take the points of one frame, and find the ground in it."""
         xyz = None if self._lidar is None else self._lidar.points(frame, clock)

@@ -15,7 +15,7 @@ from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_body
 
-_OWN = 0.5  # Of an object that LiDARs didn't measure a stereo pair sees so much of the points where they didn't
+_OWN = 0.5  # An object stays if LiDARs measured nothing in the directions of more than this share of its points
 _STEREO_MARGIN_PX = 4.0
 """Outlines are wider than the points of stereo by so much on each side [px], at a focal length of 400 px: half a cell.
 """

@@ -15,7 +15,7 @@ from fbench.pipelines.sensors.points.merged import Deskew, Outline, body_pose, l
 from fbench.pipelines.sensors.points.vehicle import Footprints, OtherSizes, VehicleSize
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
-from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
+from fbench.replay.data.arrays import DIGESTED, Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.metadata import SIMULATED
@@ -82,7 +82,8 @@ class Obstacles:
     height_m: Float64  # (N,) above ground [m]
     tall: Float64  # (M, 3) [m] points above the height of cars
     rows: Float32 = field(default_factory=lambda: NO_LIDAR)  # (K, 3) x, y and height above ground [m] of all points
-    every_height_m: Float64 = field(default_factory=lambda: np.zeros(0))  # (K,) above ground [m] of all points
+    every_height_m: Float64 = field(default_factory=lambda: np.zeros(0), metadata={DIGESTED: False})
+    """(K,) above ground [m] of all points."""
 
 
 @dataclass(frozen=True, eq=False)

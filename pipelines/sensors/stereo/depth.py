@@ -31,8 +31,8 @@ def choose_pair(rig: Rig, log_name: str, left: str | None, right: str | None) ->
     fitting = [p for p in pairs(rig) if left in (None, p.left) and right in (None, p.right)]
     if not fitting:
         wanted = (
-            f"stereo3d needs two cameras of one size with calibration, parallel within {MAX_ANGLE_DEG:g} degrees, 0.05 "
-            "to 2 m side by side"
+            f"a stereo pair needs two cameras of one size with calibration, parallel within {MAX_ANGLE_DEG:g} degrees, "
+            "0.05 to 2 m side by side"
         )
         if left is not None or right is not None:
             wanted += f" (stereo.left={left or 'any'}, stereo.right={right or 'any'})"

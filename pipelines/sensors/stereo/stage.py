@@ -187,8 +187,6 @@ def rate_exactness(range_m: Float64, focal_baseline: float, sigma_px: float) -> 
 
 
 _CELL_RAD = np.radians(0.5)  # Beams of a LiDAR that isn't sparse are at most about twice as far from each other
-
-
 _CELLS = round(2 * np.pi / _CELL_RAD)  # Around
 
 

@@ -243,6 +243,7 @@ def test_beside_lidar_stereo_changes_nothing_but_the_sources():
 def test_stereo_never_outvotes_rays_of_a_lidar_nor_an_odd_shape_what_radar_sees():
     free = cloud(wall())
     car = found(camera(CAR), lidar=free, stereo=stereo(CAR, exactness=1.0))
+    assert np.count_nonzero(car.sources == 9) == 1
     assert car.score[car.sources == 9] == pytest.approx(found(camera(CAR), lidar=free).score[0])
     alone = found(radar=RADAR)
     assert found(radar=RADAR, stereo=stereo(CAR, score=0.01)).score == pytest.approx(alone.score)

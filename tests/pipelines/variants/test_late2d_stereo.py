@@ -187,3 +187,11 @@ def test_a_pair_that_is_asked_for_must_be_there():
         started(PAIR, "stereo.left=lfet")
     with pytest.raises(ConfigError, match="stereo_pair"):
         started(PAIR, "stereo_pair=maybe")
+
+
+def test_a_pair_that_gives_no_depth_is_left_out_unless_asked_for():
+    cameras = {name: replace(camera, size_wh=(24, 20)) for name, camera in PAIR.cameras.items()}
+    small = Rig({**PAIR.mounts, "radar": Mount("radar", np.zeros(3), UPRIGHT)}, cameras)
+    assert started(small).required_sensors() == ("radar",)
+    with pytest.raises(LogError, match="images of less than 32 px a side"):
+        started(small, "stereo_pair=on")

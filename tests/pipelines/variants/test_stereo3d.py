@@ -108,7 +108,7 @@ def test_a_rig_without_a_pair_is_refused(present):
     with pytest.raises(LogError) as error:
         started(no_pair()[present])
     text = str(error.value)
-    assert text.startswith("log 'drive': stereo3d needs two cameras of one size with calibration, parallel")
+    assert text.startswith("log 'drive': a stereo pair needs two cameras of one size with calibration, parallel")
     assert text.endswith(f"the log has: {present}")
 
 

@@ -58,7 +58,7 @@ def pipeline(weights: Path, *settings: str, rig: Rig = RIG, log: LogInfo = LOG) 
     return made
 
 
-class Looks:
+class Stages:
     """The network's stage with those that give it points."""
 
     def __init__(self, weights: Path, *settings: str, rig: Rig = RIG) -> None:
@@ -70,15 +70,15 @@ class Looks:
         self._depth = DepthStage(rig, LOG, own.lidar, settings_, None)
         self._radar = RadarStage(rig, LOG, own.radar, settings_)
 
-    def look(self, at: Frame) -> RgbdView:
+    def detect(self, at: Frame) -> RgbdView:
         """What one frame tells."""
         clock, faults = StageClock(), list[Fault]()
         images, depth = self.network.view(at, clock, faults), self._depth.view(at, clock, faults)
-        return self.network.look(images, depth, self._radar.echoes(at, clock), clock)
+        return self.network.detect(images, depth, self._radar.echoes(at, clock), clock)
 
     def find(self, at: Frame) -> CameraDetections:
         """Boxes of the camera `cam`."""
-        return self.network.conclude(self.look(at), StageClock())["cam"]
+        return self.network.conclude(self.detect(at), StageClock())["cam"]
 
 
 def cloud(*points: list[float], ground: bool = True) -> PointCloud:
@@ -93,7 +93,7 @@ def centers(boxes: CameraDetections, label: str) -> list[tuple[float, float]]:
 
 
 def test_points_are_drawn_where_the_image_lies_in_the_input(pixels: Path):
-    boxes = Looks(pixels).find(frame(0, image(), cloud(POINT)))
+    boxes = Stages(pixels).find(frame(0, image(), cloud(POINT)))
     # Column 11 and row 27 of the input, and those beside; 10 px of its height are border.
     around = sorted(
         (2 * (column + 0.5) - 0.5, 2 * (row + 0.5 - 10) - 0.5) for column in (10, 11, 12) for row in (26, 27, 28)
@@ -108,13 +108,13 @@ def test_colors_and_velocities_come_in_their_channels(pixels: Path):
     picture = np.zeros((100, 120, 3), np.uint8)
     for at, channel in enumerate((2, 1, 0)):  # red, green, blue of BGR
         picture[40:60, 40 * at : 40 * at + 40, channel] = 255
-    boxes = Looks(pixels, "rgbd.min_score=0.8").find(frame(0, image(encode_jpeg(picture))))
+    boxes = Stages(pixels, "rgbd.min_score=0.8").find(frame(0, image(encode_jpeg(picture))))
     for at, label in enumerate(("car", "van", "truck")):
         u, v = np.array(centers(boxes, label)).T
         assert (abs(u.min() - 40 * at) < 4, abs(u.max() - 40 * at - 39) < 4) == (True, True)
         assert (abs(v.min() - 40) < 4, abs(v.max() - 59) < 4) == (True, True)
     away = RadarScan("radar", 0, 0, np.array([POINT], np.float32), np.array([12.0], np.float32))
-    boxes = Looks(pixels, "radar.doppler.ego_motion=removed").find(frame(0, image(), away))
+    boxes = Stages(pixels, "radar.doppler.ego_motion=removed").find(frame(0, image(), away))
     assert set(boxes.label) == {"motorcycle"}, "which is the channel of radial velocity: 128 + 127 * 12 / 20"
     assert boxes.score == pytest.approx([204 / 255] * len(boxes))
 
@@ -122,20 +122,20 @@ def test_colors_and_velocities_come_in_their_channels(pixels: Path):
 def test_overlapping_boxes_of_the_network_become_one(tmp_path: Path):
     path = tmp_path / "wide.onnx"
     path.write_bytes(encode_pixels((60, 70), side_px=6.0))
-    assert len(Looks(path, "rgbd.nms_iou=0.2").find(frame(0, image(), cloud(POINT)))) == 1
+    assert len(Stages(path, "rgbd.nms_iou=0.2").find(frame(0, image(), cloud(POINT)))) == 1
 
 
 def test_boxes_for_others_to_confirm_have_lower_scores(pixels: Path):
     shown = frame(0, image(), cloud(POINT))
-    assert len(Looks(pixels, "rgbd.min_score=0.7").find(shown)) == 0
-    boxes = Looks(pixels, "rgbd.min_score=0.7", "fusion.camera_share=0.6").find(shown)
+    assert len(Stages(pixels, "rgbd.min_score=0.7").find(shown)) == 0
+    boxes = Stages(pixels, "rgbd.min_score=0.7", "fusion.camera_share=0.6").find(shown)
     assert boxes.score == pytest.approx([GREY_POINT] * 9)
     assert boxes.min_score == 0.7, "below which a camera alone reports nothing"
 
 
 def test_without_points_it_sees_the_image_alone(pixels: Path):
     picture = np.full((100, 120, 3), 200, np.uint8)
-    alone = Looks(pixels).find(frame(0, image(encode_jpeg(picture))))
+    alone = Stages(pixels).find(frame(0, image(encode_jpeg(picture))))
     assert len(alone) > 900
     assert "bus" not in alone.label
 
@@ -180,11 +180,11 @@ def test_early_fusion_in_space_uses_it_as_well(tmp_path: Path):
 
 
 def test_the_ground_is_remembered_within_a_segment(pixels: Path):
-    looks, bare = Looks(pixels), frame(1, image(), cloud(POINT, ground=False))
-    assert len(looks.find(frame(0, image(), cloud()))) == 0
-    assert len(looks.find(bare)) == 9, "1.3 m above the ground of the frame before"
-    looks.network.reset()
-    assert len(looks.find(bare)) == 0, "below the body's origin, where the ground is taken to be"
+    stages, bare = Stages(pixels), frame(1, image(), cloud(POINT, ground=False))
+    assert len(stages.find(frame(0, image(), cloud()))) == 0
+    assert len(stages.find(bare)) == 9, "1.3 m above the ground of the frame before"
+    stages.network.reset()
+    assert len(stages.find(bare)) == 0, "below the body's origin, where the ground is taken to be"
 
 
 def test_frames_that_other_processes_observe_give_the_same(tmp_path: Path):
@@ -235,8 +235,8 @@ def test_weights_of_simulated_logs(pixels: Path):
 def test_cameras_differ_in_what_is_set_for_them(pixels: Path):
     both = Rig({**MOUNTS, "rear": MOUNTS["cam"]}, {"cam": CAMERA, "rear": CAMERA})
     shown = frame(0, image(), Image("rear", 0, 0, JPEG, "jpeg", (120, 100)), cloud(POINT))
-    looks = Looks(pixels, "rear.min_score=0.9", rig=both)
-    found = looks.network.conclude(looks.look(shown), StageClock())
+    stages = Stages(pixels, "rear.min_score=0.9", rig=both)
+    found = stages.network.conclude(stages.detect(shown), StageClock())
     assert {name: len(boxes) for name, boxes in found.items()} == {"cam": 9, "rear": 0}
     off = pipeline(pixels, "rear.weights=none", rig=both)
     output = off.step(shown)
