@@ -73,6 +73,6 @@ def match_best(similarity: Blocks, floor: float, late: Bool | None = None) -> In
     """
     from fbench.metrics.core.assignment_kernel import best_rows  # numba takes a while to import
 
-    p = similarity
-    favored = np.ones(p.shape[1], bool) if late is None else ~late
-    return best_rows(p.row_start, p.column_start, p.start, p.values, floor, favored)
+    favored = np.ones(similarity.shape[1], bool) if late is None else ~late
+    starts = similarity.row_start, similarity.column_start, similarity.start
+    return best_rows(*starts, similarity.values, floor, favored)

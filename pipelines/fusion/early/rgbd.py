@@ -16,6 +16,7 @@ from fbench.pipelines.sensors.camera.detector import (
     CameraParams,
     CameraStage,
     Window,
+    decode_image,
 )
 from fbench.pipelines.sensors.camera.families import RGBD
 from fbench.pipelines.sensors.camera.layouts import Placement, Size
@@ -24,7 +25,7 @@ from fbench.pipelines.sensors.radar.stage import Compensated
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Fault, Frame
-from fbench.replay.data.images import Pixels, decode
+from fbench.replay.data.images import Pixels
 from fbench.replay.data.messages import Image
 from fbench.replay.data.rig import Rig
 
@@ -43,6 +44,9 @@ class RgbdParams(CameraParams, prefix="rgbd"):
     """
 
 
+_NOTHING = BevMeasurement(None, np.zeros(0), None, None)
+
+
 @dataclass(frozen=True, eq=False)
 class RgbdView:
     """What one frame alone tells: what the cameras see, or their images and the points where the ground isn't known."""
@@ -50,7 +54,7 @@ class RgbdView:
     plane: Plane | None  # The ground by LiDAR
     found: Mapping[str, CameraDetections] | None
     images: Mapping[str, Pixels] = field(default_factory=dict)
-    measured: BevMeasurement | None = None
+    measured: BevMeasurement = _NOTHING
 
 
 class RgbdStage:
@@ -79,11 +83,8 @@ class RgbdStage:
         found = dict[str, Pixels]()
         for name in self.cameras.used:
             if isinstance(image := frame.messages.get(name), Image):
-                with clock.stage("decode"):
-                    pixels = decode(image)
-                if pixels is None:
-                    faults.append(Fault("DEC002", f"{name} at stamp {image.stamp_ns}"))
-                else:
+                pixels = decode_image(image, clock, faults)
+                if pixels is not None:
                     found[name] = pixels
         return found
 
@@ -91,16 +92,17 @@ class RgbdStage:
         self, images: Mapping[str, Pixels], depth: DepthView, echoes: Compensated | None, clock: StageClock
     ) -> RgbdView:
         """Detect in the images of one frame, unless only earlier ones tell how the ground lies."""
-        seen, lidar = BevMeasurement(depth.measured, depth.lidar.every_height_m, echoes, depth.lidar.plane), depth.lidar
-        if lidar.plane is None and self._sees_ground:
+        plane = depth.lidar.plane
+        seen = BevMeasurement(depth.measured, depth.lidar.every_height_m, echoes, plane)
+        if plane is None and self._sees_ground:
             return RgbdView(None, None, images, seen)
-        return RgbdView(lidar.plane, self._detect(images, seen, lidar.plane or FLAT, clock))
+        return RgbdView(plane, self._detect(images, seen, plane or FLAT, clock))
 
     def conclude(self, view: RgbdView, clock: StageClock) -> Mapping[str, CameraDetections]:
         """Return what a view shows, in the order of frames."""
         self._plane = view.plane or self._plane
-        if view.found is not None or view.measured is None:
-            return view.found or {}
+        if view.found is not None:
+            return view.found
         return self._detect(view.images, view.measured, self._plane, clock)
 
     def _detect(

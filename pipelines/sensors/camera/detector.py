@@ -254,6 +254,15 @@ def builtin_identity(own: Mapping[str, CameraParams], asked: CameraParams) -> di
     return {f"{name}weights": describe_file(asked.builtin) for name in used if asked.weights != asked.builtin}
 
 
+def decode_image(image: Image, clock: StageClock, faults: list[Fault]) -> Pixels | None:
+    """Decode one image, timed as `decode`; where it is corrupt, append a fault and return `None`."""
+    with clock.stage("decode"):
+        pixels = decode(image)
+    if pixels is None:
+        faults.append(Fault("DEC002", f"{image.sensor} at stamp {image.stamp_ns}"))
+    return pixels
+
+
 def look(
     detector: CameraDetector, image: Image, clock: StageClock, faults: list[Fault], share: float = 1.0
 ) -> CameraDetections | None:
@@ -263,10 +272,7 @@ def look(
 
     Timed as `decode`, `preprocess` and `detect.camera`. Raises ModelError where the model fails.
     """
-    with clock.stage("decode"):
-        pixels = decode(image)
-    if pixels is None:
-        faults.append(Fault("DEC002", f"{image.sensor} at stamp {image.stamp_ns}"))
+    if (pixels := decode_image(image, clock, faults)) is None:
         return None
     with clock.stage("preprocess"):
         prepared = detector.prepare(pixels)

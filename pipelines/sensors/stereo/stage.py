@@ -192,7 +192,7 @@ _CELLS = round(2 * np.pi / _CELL_RAD)  # Around
 
 def find_unmeasured(xyz: Float64, measured: Float64, eye_m: Float64) -> Bool:
     """Which points (N, 3) lie in directions from `eye_m` (3,) in and beside which LiDARs measured nothing, given all
-    their points (K, 3) in the same coordinates. In the others stereo tells nothing that LiDARs don't know better.
+    their points (K, 3) in the same coordinates. In all others, LiDARs measure better than stereo.
     """
     is_measured = np.zeros((_CELLS, _CELLS // 2 + 3), np.bool_)
     azimuth, elevation = _direction_cells(measured - eye_m)
