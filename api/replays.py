@@ -14,9 +14,10 @@ from fbench.api.runs import OpenRun
 from fbench.api.scores import IN_LOCKSTEP, score_folder
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.contracts.devices import Device, check_device, use_device
+from fbench.replay.contracts.entry_points import load
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog, explain_losses
-from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
+from fbench.replay.contracts.plugins import give_log, guard, open_pipeline, parse_name
 from fbench.replay.contracts.protocols import KeepsStderr, Overlaps, Pipeline, Reader, UsesLog
 from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text

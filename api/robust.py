@@ -14,9 +14,10 @@ from fbench.metrics.robustness.matrix import CLEAR, Cell, Matrix, matrix_tables,
 from fbench.metrics.robustness.recovery import Outage, find_outages, mean_recovery
 from fbench.replay.conditions.disturb import Disturbance
 from fbench.replay.conditions.spec import has_strength, parse_conditions
+from fbench.replay.contracts.entry_points import entry_points_of
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import entry_points_of, pipeline_parameters
+from fbench.replay.contracts.plugins import pipeline_parameters
 from fbench.replay.data.scores import Column, Figure, Line, Results, ResultTable
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import package_versions

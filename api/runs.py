@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from fbench.api.scores import open_folder, open_folders
+from fbench.replay.contracts.entry_points import load
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.plugins import load
 from fbench.replay.data.scores import format_count, score_rows
 from fbench.replay.runs.folder import Run
 

@@ -9,9 +9,9 @@ from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fbench.replay.contracts.entry_points import entry_points_of, load
 from fbench.replay.contracts.errors import ConfigError, MetricError, RunError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
-from fbench.replay.contracts.plugins import entry_points_of, load
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Score, ScoreOptions, save_scores
 

@@ -35,7 +35,7 @@ from fbench.pipelines.sensors.stereo import depth
 from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, Rectifier
 from fbench.pipelines.sensors.twins import bev, clustering, projection, stereo
 from fbench.pipelines.sensors.twins import ground as ground_twin
-from fbench.pipelines.variants.early_late import Late3D, Late3DParams
+from fbench.pipelines.variants.late import Late3D, Late3DParams
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Float64

@@ -1,6 +1,7 @@
 """The commands of `fbench`, and how their errors become one line and an exit code."""
 
 import errno
+import gc
 import io
 import os
 import resource
@@ -29,6 +30,7 @@ _GROUPS = ("bench", "log", "baseline", "weights")
 _OF_LOGS = ("info", "check", "preview", "convert", "import", "export", "simulate")
 
 _MIN_ADDRESS_BYTES = 2 << 30
+_OBJECTS_UNTIL_COLLECTION = 10_000
 
 _INTERRUPTED = 128 + signal.SIGINT  # Typer's exit code for KeyboardInterrupt
 
@@ -90,6 +92,8 @@ def main() -> None:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     # What is wrong with an image is told in one line, by who reads it.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    # Imports make a hundred thousand objects that stay; looking among them for cycles time and again takes long.
+    gc.set_threshold(_OBJECTS_UNTIL_COLLECTION)
     _open_standard_files()
     # So that a cancelled job cleans up behind itself.
     signal.signal(signal.SIGTERM, _terminate)

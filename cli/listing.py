@@ -13,10 +13,11 @@ from rich.table import Table
 from fbench.cli.show import console, make_table, say
 from fbench.replay.conditions.spec import load_condition, split_name
 from fbench.replay.conditions.weathers import WEATHER_OF
-from fbench.replay.contracts import plugins
 from fbench.replay.contracts.conditions import MakesWeather, needs_of
+from fbench.replay.contracts.decoders import load_decoder
+from fbench.replay.contracts.entry_points import Group, entry_points_of, load
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
-from fbench.replay.contracts.plugins import Group, default_params, pipeline_class, pipeline_parameters
+from fbench.replay.contracts.plugins import default_params, pipeline_class, pipeline_parameters
 from fbench.replay.contracts.settings import BY_SENSOR, describe, has_sensor_settings
 from fbench.replay.contracts.variants import find_variants, variant_of
 from fbench.replay.data.rig import KINDS
@@ -66,7 +67,7 @@ def show_group(name: str | None) -> None:
     """List the plug-ins of one group, or of all."""
     table = make_table("group", "name", "where")
     for group in _GROUPS if name is None else (_require_group(name),):
-        for point in plugins.entry_points_of(group).values():
+        for point in entry_points_of(group).values():
             table.add_row(group, point.name, point.value)
         for variant, point in find_variants() if group == "pipelines" else ():
             table.add_row(group, variant.name, f"{point.value}, a variant of {variant.base}")
@@ -90,7 +91,7 @@ def show_parameters(group: str, name: str) -> None:
         if values:
             _show_table(("parameter", "value", "instead of"), values, params)
         return
-    params = default_params(plugins.load(kind, name))
+    params = default_params(load(kind, name))
     if params is None:
         say(f"{name} takes no parameters")
         return
@@ -138,7 +139,7 @@ def show_decoders() -> None:
 
 def show_decoder(name: str) -> None:
     """Print what a decoder, an installed one or `FILE.py:FUNCTION`, is for. Raises ConfigError for an unknown name."""
-    decoder = plugins.load_decoder(name)
+    decoder = load_decoder(name)
     table = _table("", "")
     table.show_header = False
     rows = {
@@ -154,7 +155,7 @@ def show_decoder(name: str) -> None:
 def show_conditions() -> None:
     """List the conditions: on which sensors, and at which levels."""
     table = _table("condition", "sensors", "severity 1 to 5")
-    for name in plugins.entry_points_of("conditions"):
+    for name in entry_points_of("conditions"):
         condition = load_condition(name)
         levels = "; ".join(f"{key} {_format_levels(values)}" for key, values in condition.levels.items())
         table.add_row(name, ", ".join(condition.kinds), levels)
@@ -204,9 +205,9 @@ def show_metric(name: str) -> None:
     """
     from fbench.metrics.definitions.catalog import DEFINITIONS, definition_of
 
-    points = plugins.entry_points_of("metrics")
+    points = entry_points_of("metrics")
     if name in points and name not in DEFINITIONS:
-        say(f"{name}: {points[name].value}", "", inspect.getdoc(plugins.load("metrics", name)) or "")
+        say(f"{name}: {points[name].value}", "", inspect.getdoc(load("metrics", name)) or "")
         return
     definition = definition_of(name)
     table = _table("", "")

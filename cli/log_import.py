@@ -50,8 +50,9 @@ def import_(
     from fbench.cli.import_lines import log_line
     from fbench.datasets.importing.guard import GuardedImporter
     from fbench.datasets.importing.run import import_recordings
+    from fbench.replay.contracts.entry_points import load
     from fbench.replay.contracts.importing import BadInput, FrameRange, ImportRequest, choose_names
-    from fbench.replay.contracts.plugins import default_params, load, make_importer
+    from fbench.replay.contracts.plugins import default_params, make_importer
     from fbench.replay.engine.excerpt import make_excerpt
 
     if detections is not None:

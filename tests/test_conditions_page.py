@@ -5,7 +5,7 @@ from pathlib import Path
 
 from fbench.replay.conditions.spec import load_condition
 from fbench.replay.contracts.conditions import needs_of
-from fbench.replay.contracts.plugins import entry_points_of
+from fbench.replay.contracts.entry_points import entry_points_of
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "conditions.md"
 BEGIN, END = "<!-- catalog, written by `python tests/test_conditions_page.py` -->\n", "<!-- end -->\n"

@@ -16,8 +16,8 @@ from fbench.api.suites.contents import digest_code
 from fbench.api.suites.process import Worker
 from fbench.api.suites.runner import CellRunner, RunOptions, group_of, share_memory
 from fbench.api.suites.store import ResultStore
+from fbench.replay.contracts.entry_points import absolute_name
 from fbench.replay.contracts.errors import ConfigError, FbenchError, MissingPackageError, OutputError, one_line
-from fbench.replay.contracts.plugins import absolute_name
 from fbench.replay.contracts.variants import SUFFIX
 from fbench.replay.runs.secrets import without_secrets
 from fbench.replay.setup.request import ReplayRequest

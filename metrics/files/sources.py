@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fbench.metrics.files.nuscenes import Submission, open_submission
 from fbench.metrics.files.side import Side, objects_of
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
@@ -16,6 +15,7 @@ from fbench.replay.formats.mot import read_mot_columns, sequence_length
 from fbench.replay.formats.text import frame_number
 
 if TYPE_CHECKING:
+    from fbench.metrics.files.nuscenes import Submission
     from fbench.metrics.files.table import Table
 
 
@@ -28,7 +28,9 @@ class Source:
     names: tuple[str, ...]  # Of its sequences, in their order
     is_single: bool  # Whether it can't have but one sequence, whose name then says nothing
     read: Callable[[str], Side]  # Gives the boxes of one sequence, or LogError naming file, row and column
-    submission: Callable[[], Submission | None] = lambda: None  # What knows the samples of nuScenes, where it has such
+    submission: "Callable[[], Submission | None]" = lambda: (
+        None
+    )  # What knows the samples of nuScenes, where it has such
     faults: FaultLog = field(default_factory=FaultLog)  # Gets what is wrong with logs
 
 
@@ -80,6 +82,8 @@ def open_tables(path: Path, files: Mapping[str, Path]) -> Source:
 
 def open_submissions(path: Path, like: Source | None) -> Source:
     """Open a submission; the truth, `like`, may tell its samples. Sequences are scenes; without any one as the file."""
+    from fbench.metrics.files.nuscenes import open_submission  # what nuScenes needs takes a while to import
+
     submission = open_submission(path, None if like is None else like.submission())
     names, is_single = tuple(scene or path.stem for scene in submission.tokens), list(submission.tokens) == [""]
 

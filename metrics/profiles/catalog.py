@@ -5,8 +5,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, cast
 
+from fbench.replay.contracts.entry_points import entry_points_of, load
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, one_line
-from fbench.replay.contracts.plugins import entry_points_of, load
 from fbench.replay.contracts.profiles import Facts, Match, Profile
 
 AnyProfile = Profile[Any]

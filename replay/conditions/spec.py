@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fbench.replay.contracts.conditions import NUM_LEVELS, Condition, MakesWeather, Part, require_levels
+from fbench.replay.contracts.entry_points import entry_points_of
 from fbench.replay.contracts.errors import ConfigError, did_you_mean, first_wrong
-from fbench.replay.contracts.plugins import entry_points_of, guard, make_condition
+from fbench.replay.contracts.plugins import guard, make_condition
 from fbench.replay.data.rig import KINDS
 from fbench.replay.formats.documents import TomlError, parse_toml
 

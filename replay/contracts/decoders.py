@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
+from fbench.replay.contracts.entry_points import load
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 
@@ -112,3 +113,13 @@ def decodes(
     if not types and not topics:
         raise ConfigError("@decodes: name the types that it decodes, or topics=")
     return lambda function: Decoder(function, kind, tuple(types), tuple(topics), definition)
+
+
+def load_decoder(name: str) -> Decoder:
+    """Return the decoder of an entry point, or that of `FILE.py:FUNCTION`. Raises ConfigError as `load` does, and where
+    it isn't a decoder.
+    """
+    found = load("decoders", name)
+    if not isinstance(found, Decoder):
+        raise ConfigError(f"decoder '{name}' is a {type(found).__name__}, no function below @decodes(TYPE, kind=KIND)")
+    return found

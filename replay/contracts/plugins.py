@@ -1,28 +1,25 @@
-"""Loading of plug-ins: built-ins and outsiders come in by the same entry points, or from a single file."""
+"""Making of plug-ins: pipelines, importers and conditions from their names and settings; closing of pipelines."""
 
-import importlib.util
 import inspect
 import re
 import shlex
 import signal
-import sys
 import threading
 import typing
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, is_dataclass
-from importlib.metadata import EntryPoint
 from itertools import takewhile
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal
+from typing import Any
 
 from fbench.replay.contracts.conditions import Condition, MakesWeather
-from fbench.replay.contracts.decoders import Decoder
-from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, RunError, did_you_mean, one_line
+from fbench.replay.contracts.entry_points import entry_points_of, load
+from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, RunError, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.contracts.settings import apply_settings, describe
-from fbench.replay.contracts.variants import SUFFIX, find_installed, find_variants, variant_of, variant_settings
+from fbench.replay.contracts.variants import SUFFIX, variant_of, variant_settings
 
 _MAX_CHARS = 60
 
@@ -91,90 +88,6 @@ def _words(text: str) -> list[str]:
 
 def _clean(text: str) -> str:
     return re.sub(r"[^\w.-]+", "_", text).strip("_.-")[:_MAX_CHARS]
-
-
-Group = Literal["conditions", "datasets", "decoders", "pipelines", "metrics", "profiles", "reports"]
-
-
-def entry_points_of(group: Group) -> dict[str, EntryPoint]:
-    """Return the entry points of `fbench.GROUP` by name, sorted, without importing them. Raises ConfigError where two
-    packages claim one name.
-    """
-    points: dict[str, EntryPoint] = {}
-    for point in sorted(find_installed(group), key=lambda p: (p.name, p.value)):
-        if point.name in points and points[point.name].value != point.value:
-            raise ConfigError(f"two {group} are called '{point.name}': {points[point.name].value} and {point.value}")
-        points[point.name] = point
-    return points
-
-
-def load(group: Group, name: str) -> Any:
-    """Return what a name of `fbench.GROUP` stands for: a class, profile or decoder, or what `FILE.py:NAME` names.
-    Raises ConfigError for an unknown name (with the nearest one) or a plug-in that can't be imported.
-    """
-    if ".py:" in name:
-        return _from_file(name, group)
-    points = entry_points_of(group)
-    if name not in points:
-        variants = [variant.name for variant, _ in find_variants()] if group == "pipelines" else []
-        raise ConfigError(f"unknown {group.removesuffix('s')} '{name}'{did_you_mean(name, [*points, *variants])}")
-    try:
-        return points[name].load()
-    except (ImportError, AttributeError) as error:
-        raise ConfigError(
-            f"{group.removesuffix('s')} '{name}' ({points[name].value}) can't be loaded: {error}"
-        ) from error
-
-
-def load_decoder(name: str) -> Decoder:
-    """Return the decoder of an entry point, or that of `FILE.py:FUNCTION`. Raises ConfigError as `load` does, and where
-    it isn't a decoder.
-    """
-    found = load("decoders", name)
-    if not isinstance(found, Decoder):
-        raise ConfigError(f"decoder '{name}' is a {type(found).__name__}, no function below @decodes(TYPE, kind=KIND)")
-    return found
-
-
-def version_of(group: Group, name: str) -> str:
-    """Return the package and version behind an entry point as ` (PACKAGE VERSION)`, else nothing."""
-    point = entry_points_of(group).get(name)
-    return "" if point is None or point.dist is None else f" ({point.dist.name} {point.dist.version})"
-
-
-def absolute_name(name: str) -> str:
-    """Return `FILE.py:NAME` as seen from any folder; other names stay."""
-    path, _, member = name.rpartition(".py:")
-    return f"{Path(f'{path}.py').resolve()}:{member}" if path else name
-
-
-def _from_file(name: str, group: Group) -> Any:
-    path, _, member = name.rpartition(":")
-    file = Path(path).resolve()
-    if not file.is_file():
-        raise ConfigError(f"{path}: no such file")
-    module_name = f"fbench_plugin_{file.stem}"
-    spec = importlib.util.spec_from_file_location(module_name, file)
-    if spec is None or spec.loader is None:
-        raise ConfigError(f"{path}: not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
-    try:
-        spec.loader.exec_module(module)
-    except INTERRUPTS:
-        raise
-    except BaseException as error:
-        raise ConfigError(f"{path}: can't be imported: {one_line(error)}") from error
-    found: dict[str, Any]
-    if group == "decoders":
-        found = {n: v for n, v in vars(module).items() if isinstance(v, Decoder)}
-        what, hint = "function", " below @decodes(TYPE, kind=KIND)"
-    else:
-        found = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
-        what, hint = "class", ""
-    if member not in found:
-        raise ConfigError(f"{path}: has no {what} '{member}'{hint}{did_you_mean(member, found)}")
-    return found[member]
 
 
 @contextmanager

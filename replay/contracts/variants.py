@@ -1,16 +1,16 @@
 """Named variants of pipelines: built-in ones as `GROUP/NAME`, anybody's as `FILE.toml`."""
 
 import re
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from functools import cache
+from importlib.metadata import EntryPoint
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Annotated, Any
 
+from fbench.replay.contracts.entry_points import find_installed
 from fbench.replay.contracts.errors import ConfigError, did_you_mean, wrong_key
 from fbench.replay.contracts.settings import apply_settings, names_file
 from fbench.replay.data.files import expand_user, is_file
@@ -187,18 +187,6 @@ def _place(variant: Variant, params: Any, name: str, value: str) -> str:
 def _groups() -> dict[str, EntryPoint]:
     """Packages that hold variants, by the name of their group."""
     return {point.name: point for point in sorted(find_installed("variants"), key=lambda p: p.name)}
-
-
-def find_installed(group: str) -> Sequence[EntryPoint]:
-    """Return the entry points of `fbench.GROUP`: those of the first call with `sys.path` as it is now."""
-    return _find_all(tuple(sys.path)).get(f"fbench.{group}", ())
-
-
-@lru_cache(4)
-def _find_all(path: tuple[str, ...]) -> Mapping[str, Sequence[EntryPoint]]:
-    """What is installed, by group: to find out takes some 10 ms, and a command asks a dozen times."""
-    points = entry_points()
-    return {group: tuple(points.select(group=group)) for group in points.groups}
 
 
 def _files(point: EntryPoint) -> dict[str, Traversable]:

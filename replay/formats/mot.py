@@ -3,7 +3,6 @@
 A row is `frame,id,left,top,width,height[,confidence[,class,visibility]]`, or ends in `-1,-1,-1` or a place in space.
 """
 
-import configparser
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
@@ -64,6 +63,8 @@ def sequence_length(file: Path) -> int | None:
     near = (folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent))
     if (path := next(filter(Path.is_file, near), None)) is None:
         return None
+    import configparser  # takes a while to import, for a file that hardly any sequence has
+
     parser = configparser.ConfigParser(interpolation=None)
     try:
         parser.read_string(path.read_text(encoding="utf-8-sig"))

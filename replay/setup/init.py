@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from fbench.replay.contracts.entry_points import absolute_name
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import absolute_name
 from fbench.replay.data.scores import format_count
 from fbench.replay.logs.open import open_container
 from fbench.replay.logs.roles import SENSOR_WORDS

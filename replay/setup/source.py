@@ -44,7 +44,7 @@ class LogRequest:
 
     def absolute(self) -> "LogRequest":
         """Return the same with paths that hold in every folder."""
-        from fbench.replay.contracts.plugins import absolute_name  # plug-ins need tables
+        from fbench.replay.contracts.entry_points import absolute_name  # plug-ins need tables
 
         config = self.config if self.config in (None, NO_CONFIG) else str(Path(self.config).resolve())
         path, rig = self.path.resolve(), [path.resolve() for path in self.rig]
@@ -152,7 +152,7 @@ def log_source(request: LogRequest) -> LogSource:
 
 def name_decoder(name: str, *, is_required: bool = False) -> NamedDecoder:
     """Load a decoder. Raises ConfigError where it can't be loaded, or isn't one."""
-    from fbench.replay.contracts.plugins import load_decoder  # plug-ins need tables, most logs no decoder
+    from fbench.replay.contracts.decoders import load_decoder  # plug-ins need tables, most logs no decoder
 
     path, _, function = name.rpartition(":")
     with redirect_stdout(sys.stderr):  # what its file prints mustn't get between the lines of --json
@@ -164,7 +164,7 @@ def _configured_decoders(config: Config, path: Path, request: LogRequest) -> lis
     """Decoders that a configuration names and the command line doesn't. A file that lies beside a log by chance may be
     anybody's, so that the user must name it, or the configuration.
     """
-    from fbench.replay.contracts.plugins import absolute_name
+    from fbench.replay.contracts.entry_points import absolute_name
 
     named = {absolute_name(name) for name in request.decoder}
     found: list[NamedDecoder] = []
@@ -182,7 +182,7 @@ def _configured_decoders(config: Config, path: Path, request: LogRequest) -> lis
 
 def _decoder_entry(named: NamedDecoder) -> InputEntry:
     """The file with a decoder's code, and of an installed one its package's version."""
-    from fbench.replay.contracts.plugins import version_of
+    from fbench.replay.contracts.entry_points import version_of
 
     function = inspect.unwrap(named.decoder.function)
     try:

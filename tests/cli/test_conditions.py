@@ -15,8 +15,8 @@ from fbench.replay.check.difference import Outcome, VerifyTask, first_difference
 from fbench.replay.conditions.disturb import Disturbance, DisturbedReader
 from fbench.replay.conditions.effects import Effects
 from fbench.replay.conditions.spec import parse_conditions
+from fbench.replay.contracts.entry_points import entry_points_of
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import entry_points_of
 from fbench.replay.contracts.street import Street
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image, PointCloud

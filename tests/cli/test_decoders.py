@@ -10,7 +10,7 @@ from mcap.writer import Writer
 from fbench.api import LogRequest, ReplayRequest, replay
 from fbench.api.suites.run import run_suite
 from fbench.api.suites.runner import RunOptions
-from fbench.replay.contracts import plugins
+from fbench.replay.contracts import entry_points
 
 DECODER = '''
 """Radar of ACME."""
@@ -212,7 +212,7 @@ def test_a_configuration_names_no_file_outside_of_its_folder(fbench, acme, name)
 def test_packages_provide_them_by_entry_points(fbench, acme, monkeypatch):
     monkeypatch.syspath_prepend(str(acme))
     point = EntryPoint("acme-radar", "acme:targets", "fbench.decoders")
-    monkeypatch.setattr(plugins, "find_installed", lambda group: [point] if group == "decoders" else [])
+    monkeypatch.setattr(entry_points, "find_installed", lambda group: [point] if group == "decoders" else [])
     result = fbench("plugins", "decoders")
     assert "decoders  acme-radar  acme:targets" in result.out
     assert "foxglove.PointCloud" in result.out

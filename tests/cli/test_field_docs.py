@@ -38,7 +38,8 @@ def test_what_is_true_in_space_alone_isnt_said_of_images():
 
 @pytest.mark.slow
 def test_every_parameter_of_the_builtin_pipelines_is_documented():
-    from fbench.replay.contracts.plugins import default_params, entry_points_of, load
+    from fbench.replay.contracts.entry_points import entry_points_of, load
+    from fbench.replay.contracts.plugins import default_params
 
     for name in entry_points_of("pipelines"):
         docs = parameter_docs(default_params(load("pipelines", name)))

@@ -9,7 +9,7 @@ from tests.weights_server import CONTENT, fails, sends, serving
 
 from fbench.cli.weights import get_weights, show_weights
 from fbench.pipelines.models.weights import CATALOGUE, find_entry
-from fbench.pipelines.variants.early_late import Late3DParams
+from fbench.pipelines.variants.late import Late3DParams
 from fbench.replay.contracts.errors import ModelError
 from fbench.replay.contracts.settings import apply_settings, describe
 

@@ -14,7 +14,7 @@ from tests.pipelines.frames import JPEG, cloud, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.parallel import Branches
-from fbench.pipelines.variants.early_late import Late3D, Late3DParams
+from fbench.pipelines.variants.late import Late3D, Late3DParams
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from tests.reports.conftest import LATENCY, Page, Plan, boxes2d, score
 
+from fbench.replay.contracts.entry_points import load
 from fbench.replay.contracts.errors import ConfigError, RunError
 from fbench.replay.contracts.faults import FAULTS
-from fbench.replay.contracts.plugins import load
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import ConditionEntry
 from fbench.reports.html import HtmlReport

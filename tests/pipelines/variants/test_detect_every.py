@@ -13,12 +13,13 @@ from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.trackers import Tracker2D
 from fbench.pipelines.variants.camera2d import Camera2D, Camera2DParams
-from fbench.pipelines.variants.early_late import Late3D, Late3DParams
+from fbench.pipelines.variants.late import Late3D, Late3DParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
+from fbench.replay.contracts.entry_points import entry_points_of, load
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.plugins import default_params, entry_points_of, load
+from fbench.replay.contracts.plugins import default_params
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.settings import apply_settings, parameter_paths
 from fbench.replay.data.boxes import Boxes2D

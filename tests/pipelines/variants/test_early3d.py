@@ -7,7 +7,7 @@ import pytest
 from tests.pipelines.frames import JPEG, assert_equal, cloud, fields, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
-from fbench.pipelines.variants.early_late import Early3D, Early3DParams
+from fbench.pipelines.variants.early import Early3D, Early3DParams
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.frames import Fault
 from fbench.replay.data.messages import PointCloud

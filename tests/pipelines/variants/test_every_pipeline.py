@@ -22,7 +22,7 @@ from tests.pipelines.variants.every import (
     weights,
 )
 
-from fbench.replay.contracts.plugins import entry_points_of as plugins_found
+from fbench.replay.contracts.entry_points import entry_points_of as plugins_found
 from fbench.replay.contracts.plugins import make_pipeline
 from fbench.replay.contracts.protocols import UsesSensors
 from fbench.replay.contracts.variants import find_variants

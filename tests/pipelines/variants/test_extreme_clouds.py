@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from tests.pipelines.frames import frame, rig
 
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, detect
-from fbench.pipelines.variants.early_late import Early3D, Late3D
+from fbench.pipelines.variants.early import Early3D
+from fbench.pipelines.variants.late import Late3D
 from fbench.pipelines.variants.lidar import Lidar3D
 from fbench.pipelines.variants.radar import Radar3D
 from fbench.replay.data.boxes import Boxes3D

@@ -12,7 +12,8 @@ import pytest
 from tests.pipelines.frames import cloud, frame, rig, scan
 from tests.pipelines.sensors.stereo import pairs
 
-from fbench.pipelines.variants.early_late import Early3D, Early3DParams, Late3D, Late3DParams
+from fbench.pipelines.variants.early import Early3D, Early3DParams
+from fbench.pipelines.variants.late import Late3D, Late3DParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams

@@ -12,7 +12,8 @@ from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, ri
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
-from fbench.pipelines.variants.early_late import Early2D, Early2DParams, Late2D, Late2DParams
+from fbench.pipelines.variants.early import Early2D, Early2DParams
+from fbench.pipelines.variants.late import Late2D, Late2DParams
 from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams
 from fbench.pipelines.variants.radar import Radar2D, Radar2DParams
 from fbench.replay.contracts.errors import ConfigError, LogError

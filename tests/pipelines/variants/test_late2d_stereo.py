@@ -10,7 +10,7 @@ from tests.pipelines.frames import UPRIGHT
 from tests.pipelines.frames import rig as plain_rig
 from tests.pipelines.sensors.stereo.pairs import HEIGHT_M, car, frame, rig, road, wall
 
-from fbench.pipelines.variants.early_late import Late2D, Late2DParams
+from fbench.pipelines.variants.late import Late2D, Late2DParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.settings import apply_settings
 from fbench.replay.data.boxes import Boxes2D

@@ -8,7 +8,7 @@ import pytest
 from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, assert_equal, cloud, fields, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
-from fbench.pipelines.variants.early_late import Late3D, Late3DParams
+from fbench.pipelines.variants.late import Late3D, Late3DParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.frames import Fault
 from fbench.replay.data.messages import PointCloud

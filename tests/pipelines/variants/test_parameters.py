@@ -4,8 +4,9 @@ import pytest
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
+from fbench.replay.contracts.entry_points import load
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.plugins import default_params, load
+from fbench.replay.contracts.plugins import default_params
 from fbench.replay.contracts.settings import apply_settings, describe
 
 UNLIMITED = ("radar.min_magnitude_db",)

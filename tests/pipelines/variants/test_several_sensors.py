@@ -9,7 +9,7 @@ from tests.pipelines.frames import AHEAD, CAMERA, UPRIGHT, assert_equal, cloud, 
 from tests.pipelines.scenes import echoes, surroundings
 
 from fbench.pipelines.variants.camera2d import Camera2D, Camera2DParams
-from fbench.pipelines.variants.early_late import Late3D, Late3DParams
+from fbench.pipelines.variants.late import Late3D, Late3DParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.replay.contracts.errors import ConfigError

@@ -7,8 +7,9 @@ import pytest
 from tests.pipelines.frames import assert_equal, rig
 
 from fbench.pipelines.variants.recorded import Track, TrackParams
+from fbench.replay.contracts.entry_points import load
 from fbench.replay.contracts.errors import ConfigError, LogError
-from fbench.replay.contracts.plugins import default_params, load
+from fbench.replay.contracts.plugins import default_params
 from fbench.replay.contracts.settings import apply_settings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Frame

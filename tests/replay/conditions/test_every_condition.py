@@ -14,7 +14,7 @@ from fbench.replay.conditions.effects import Effects
 from fbench.replay.conditions.generators import generator
 from fbench.replay.conditions.spec import load_condition, parse_conditions
 from fbench.replay.contracts.conditions import DisturbsRig
-from fbench.replay.contracts.plugins import entry_points_of
+from fbench.replay.contracts.entry_points import entry_points_of
 from fbench.replay.contracts.street import Street, list_calls
 from fbench.replay.contracts.testing import check_condition
 from fbench.replay.data.messages import Tick

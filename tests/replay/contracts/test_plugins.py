@@ -5,9 +5,10 @@ import textwrap
 import pytest
 from tests.replay.fakes import drive
 
+from fbench.replay.contracts.entry_points import entry_points_of, load
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import entry_points_of, load, make_pipeline
+from fbench.replay.contracts.plugins import make_pipeline
 from fbench.replay.engine.loop import replay
 from fbench.replay.engine.plan import Plan
 from fbench.replay.runs.folder import Run

@@ -19,7 +19,7 @@ from fbench.pipelines.sensors.camera.channels import ImagePoints
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS, CameraDetections, CameraDetector, CameraParams
 from fbench.pipelines.sensors.camera.layouts import letterbox
 from fbench.pipelines.sensors.radar.stage import RadarStage
-from fbench.pipelines.variants.early_late import Early2D, Early2DParams, Early3D, Early3DParams
+from fbench.pipelines.variants.early import Early2D, Early2DParams, Early3D, Early3DParams
 from fbench.replay.contracts.errors import ConfigError, LogError, ModelError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings

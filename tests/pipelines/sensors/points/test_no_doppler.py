@@ -13,7 +13,7 @@ from fbench.pipelines.sensors.lidar.stage import LidarView
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.pipelines.sensors.radar.doppler import UnmeasuredParams, strong
 from fbench.pipelines.sensors.radar.stage import RadarParams, RadarView, compensate, detect
-from fbench.pipelines.variants.early_late import Late3D
+from fbench.pipelines.variants.late import Late3D
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.boxes import Boxes3D

@@ -10,7 +10,7 @@ from fbench.replay.conditions.camera.encoding import JpegArtifacts, Pixelation, 
 from fbench.replay.conditions.camera.lens import LensDirt, SunGlare, dirt
 from fbench.replay.conditions.generators import generator
 from fbench.replay.conditions.spec import load_condition
-from fbench.replay.contracts.plugins import entry_points_of
+from fbench.replay.contracts.entry_points import entry_points_of
 from fbench.replay.data.images import encode_jpeg
 
 NAMES = [name for name in entry_points_of("conditions") if name.startswith("camera.")]
