@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.data.boxes import Rows
+from fbench.replay.data.boxes import MAX_MAGNITUDE, Rows
 from fbench.replay.data.sequences import Objects, Steps
 from fbench.replay.geometry.transforms import pose_matrices
 from fbench.replay.runs.folder import Run
@@ -18,6 +18,7 @@ from fbench.replay.runs.folder import Run
 Complex = NDArray[np.complex128]
 SLOW_MPS = 0.5  # Below it a direction of motion is noise: such bodies go on along their heading, unchanged
 MAX_GAP_S = 1.0  # Between instants farther apart than this nothing is differentiated
+EGO_UNKNOWN = f"the motion of the ego isn't known: that takes poses at most {MAX_GAP_S:g} s apart"
 MOST_MPS2, MOST_RADPS = 10.0, 1.5
 """No road user accelerates or turns faster; differences of labels that jitter do, and are limited to this."""
 
@@ -188,8 +189,8 @@ def move_objects(objects: Objects, steps: Steps, ego: EgoMotion, else_standing: 
 
 
 def _finite(values: Float64) -> Float64:
-    """The values, NaN where they are infinite: results may hold anything."""
-    return np.where(np.isfinite(values), values, np.nan)
+    """The values, NaN where they are infinite or absurdly large: results may hold anything."""
+    return np.where(np.abs(values) < MAX_MAGNITUDE, values, np.nan)
 
 
 def _describe(velocity: Complex, change: Complex, place: Complex, yaw_rad: Float64) -> Motion:

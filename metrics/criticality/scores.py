@@ -11,7 +11,7 @@ from fbench.metrics.core.ordering import number_tracks
 from fbench.metrics.core.slices import ScoreKey
 from fbench.metrics.criticality import contours
 from fbench.metrics.criticality.conflict import Conflicts
-from fbench.metrics.criticality.motion import MAX_GAP_S
+from fbench.metrics.criticality.motion import EGO_UNKNOWN, MAX_GAP_S
 from fbench.metrics.detection.outcomes import Judgement, Outcome
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.scores import Score
@@ -212,7 +212,7 @@ class Rule:
 
 
 _UNKNOWN = {
-    "ego_frames": "the run has no poses, so the motion of the ego isn't known",
+    "ego_frames": EGO_UNKNOWN,
     "truth": "truth has no velocities, nor ids to derive them from",
     "alarms": "no false alarm is a finite box",
 }

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.criticality.motion import EgoMotion, Motion, move_ego, move_objects
+from fbench.metrics.criticality.motion import EGO_UNKNOWN, EgoMotion, Motion, move_ego, move_objects
 from fbench.metrics.events.paths import PathPlaces, place_on_paths
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import VEHICLES
@@ -42,7 +42,7 @@ class Found:
         if event in BY_SIGHT:
             return "truth has neither visibility nor point counts with ids" if self.visible is None else None
         if not has_ego:
-            return "the run has no poses, so the motion of the ego isn't known"
+            return EGO_UNKNOWN
         if len(self.known) and not self.known.any():
             return "truth has no velocities, nor ids to derive them from"
         return None

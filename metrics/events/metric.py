@@ -27,7 +27,7 @@ from fbench.metrics.runs.places import once
 from fbench.metrics.runs.spaces import ground_view, image_view
 from fbench.metrics.runs.tracking import NO_TRACKS
 from fbench.metrics.tracking.scores import follow_tracks
-from fbench.replay.data.arrays import Int64
+from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
@@ -92,16 +92,17 @@ def _rows(
 ) -> list[Score]:  # fmt: skip
     """Rows of all events of one class; vehicles alone cut in, brake, come toward the ego and stand in its lane."""
     truth, steps = view.sequence.truth, view.sequence.steps
-    has_ego = bool(np.isfinite(ego.of_frames(steps.frame).velocity).any())
+    known = np.isfinite(ego.of_frames(steps.frame).velocity)
     counted, rows = group.counts(truth), []
     for name in EVENTS if group is VEHICLE else ("crossing", *BY_SIGHT):
         head, by_sight = replace(_slice(view.key, name), class_=group.name), name in BY_SIGHT
-        if (why := found.unknown(name, has_ego)) is not None:
+        if (why := found.unknown(name, bool(known.any()))) is not None:
             head, n = replace(head, reason=why), EventCounts()
         else:
             n = _count_event(run, options, view, np.flatnonzero(found.rows[name] & counted), group)
             if tracked is not None:
-                n = _count_tracks(run, options, tracked, n, np.flatnonzero(found.rows[name] & counted), group, name)
+                own = np.flatnonzero(found.rows[name] & counted)
+                n = _count_tracks(run, options, tracked, n, own, known, group, name)
         rows += event_rows(n, head, by_sight, tracked is not None)
     return rows
 
@@ -116,21 +117,26 @@ def _count_event(run: Run, options: ScoreOptions, view: View, own: Int64, group:
 
 
 def _count_tracks(
-    run: Run, options: ScoreOptions, tracked: tuple[View, Found], n: EventCounts, own: Int64, group: Group, name: str
-) -> EventCounts:
-    """Add how tracks find the truth of an event, by its rows, and whether they show the same event."""
+    run: Run, options: ScoreOptions, tracked: tuple[View, Found], n: EventCounts, own: Int64, known: Bool,
+    group: Group, name: str,
+) -> EventCounts:  # fmt: skip
+    """Add how tracks find the truth of an event, by its rows, and whether they show the same event at the steps (S,) at
+    which the ego's motion is known.
+    """
     view, shown = tracked
     truth, tracks, steps = view.sequence.truth, view.sequence.estimates, view.sequence.steps
+    errors = judge_side(run, options, "tracks", view, group)
     if len(own):
-        errors = judge_side(run, options, "tracks", view, group)
         hits = int(errors.hit[np.isin(errors.truth_row, own)].sum())
         n = replace(n, tracked=hits, untracked=len(own) - hits)
     if name in BY_SIGHT:
         return n
-    held = shown.rows[name] & group.holds(tracks)
-    held = held if tracks.inside is None else held & tracks.inside
+    # Tracks on truth that doesn't count, or outside the region without a partner in it, show no false event.
+    judged = np.zeros(len(tracks), bool)
+    judged[np.concatenate([errors.pairs[1], errors.alarm_row])] = True
+    held = shown.rows[name] & judged
     hota = temporal_hota(truth[own], tracks[held], steps, view.match) if len(own) or held.any() else n.hota
-    return replace(n, steps=compare_steps(truth.step[own], tracks.step[held], len(steps)), hota=hota)
+    return replace(n, steps=compare_steps(truth.step[own], tracks.step[held], known), hota=hota)
 
 
 def _arrivals(

@@ -13,7 +13,7 @@ from fbench.metrics.core.similarity import blocks
 from fbench.metrics.core.slices import ScoreKey
 from fbench.metrics.tracking.hota import ALPHAS, HotaCounts, hota_counts
 from fbench.replay.contracts.profiles import Match
-from fbench.replay.data.arrays import Int64
+from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Objects, Sequence, Steps
 
@@ -57,10 +57,12 @@ def count_stretches(objects: Objects, own: Int64, steps: Steps) -> int:
     return int(((np.diff(number[order], prepend=-1) != 0) | (np.diff(place[order], prepend=-9) > 1)).sum())
 
 
-def compare_steps(truth: Int64, tracks: Int64, num_steps: int) -> tuple[int, int, int, int]:
-    """Count steps with boxes on both sides, of tracks alone, of truth alone, on neither; by the steps of the boxes."""
-    has, says = (np.bincount(step, minlength=num_steps) > 0 for step in (truth, tracks))
-    parts = has & says, ~has & says, has & ~says, ~has & ~says
+def compare_steps(truth: Int64, tracks: Int64, known: Bool) -> tuple[int, int, int, int]:
+    """Count steps with boxes on both sides, of tracks alone, of truth alone, on neither; by the steps of the boxes.
+    Steps at which nobody knows, by `known` (S,), aren't counted.
+    """
+    has, says = (np.bincount(step, minlength=len(known)) > 0 for step in (truth, tracks))
+    parts = has & says & known, ~has & says & known, has & ~says & known, ~has & ~says & known
     hit, alarm, miss, rest = (int(part.sum()) for part in parts)
     return hit, alarm, miss, rest
 
@@ -83,6 +85,7 @@ def temporal_hota(truth: Objects, tracks: Objects, steps: Steps, match: Match) -
 
 def count_arrivals(sequence: Sequence, first: Int64, truth_row: Int64, track_id: Int64) -> ArrivalCounts:
     """Count objects that are seen first at rows `first` (K,) of truth, and the time until a stable track follows them.
+    For an object that is seen before it counts, outside of the region, the time begins where it counts.
 
     `truth_row` (N,) are rows of truth that count, `track_id` (N,) the track that found each, -1: none. A track is
     stable where it is the same, without a miss, for `STABLE_S`; the time ends where that begins.
@@ -100,13 +103,14 @@ def count_arrivals(sequence: Sequence, first: Int64, truth_row: Int64, track_id:
     num, delays = 0, []
     for row in first.tolist():
         rows = order[at[row] : end[np.searchsorted(end, at[row], side="right")]]
-        if not (partner[rows] > -2).any():
+        asked = rows[partner[rows] > -2]
+        if not len(asked):
             continue
         num += 1
         same = (np.diff(partner[rows]) == 0) & (np.diff(place[rows]) == 1)
         for part in np.split(rows, np.flatnonzero(~same) + 1):
             if partner[part[0]] >= 0 and time_s[part[-1]] - time_s[part[0]] >= STABLE_S - 1e-9:
-                delays.append(time_s[part[0]] - time_s[row])
+                delays.append(time_s[part[0]] - time_s[asked[0]])
                 break
     return ArrivalCounts(num, len(delays), exact_sum(np.array(delays, np.float64)))
 

@@ -147,7 +147,7 @@ def test_without_poses_nothing_is_guessed(tmp_path: Path) -> None:
     for name in (*OF_MOTION, *OF_RESULTS):
         row = rows(run)[name]
         assert row.value is None
-        assert row.reason == "the run has no poses, so the motion of the ego isn't known"
+        assert row.reason == "the motion of the ego isn't known: that takes poses at most 1 s apart"
     assert rows(run)["surface_error"].value == 0
     assert find_critical_errors(run, OPTIONS) == []
 

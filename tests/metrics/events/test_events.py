@@ -174,14 +174,15 @@ def test_nothing_is_said_of_what_is_not_known() -> None:
     assert found.unknown("first seen at distance", True) == "truth has neither visibility nor point counts with ids"
     lost = find_events(objects, steps(), ego(lambda t: complex(np.nan, 0)))
     assert not any(rows.any() for rows in lost.rows.values())
-    assert lost.unknown("oncoming", False) == "the run has no poses, so the motion of the ego isn't known"
+    assert lost.unknown("oncoming", False) == "the motion of the ego isn't known: that takes poses at most 1 s apart"
 
 
 def test_counts_by_hand() -> None:
     objects = bodies(driving, cutting, cutting)
     rows = np.flatnonzero((objects.track_id == 0) & ~np.isin(objects.step, (3, 4)))
     assert count_stretches(objects, rows, steps()) == 2
-    assert compare_steps(np.array([0, 1, 1]), np.array([1, 2]), 5) == (1, 1, 1, 2)
+    assert compare_steps(np.array([0, 1, 1]), np.array([1, 2]), np.ones(5, bool)) == (1, 1, 1, 2)
+    assert compare_steps(np.array([0, 1, 1]), np.array([1, 2]), np.array([1, 1, 1, 1, 0], bool)) == (1, 1, 1, 1)
     value, _ = value_of("timestamp_balanced_accuracy", {"tp": 1, "fp": 1, "fn": 1, "tn": 2})
     assert value == pytest.approx((1 / 2 + 2 / 3) / 2)
     assert value_of("timestamp_balanced_accuracy", {"tp": 1, "fp": 0, "fn": 0, "tn": 0})[0] is None
@@ -209,7 +210,8 @@ def test_hota_temporal_and_balanced_accuracy_are_av2_apis(log: Log) -> None:
     ]
     theirs = FROZEN["mining"][log.name]
     assert np.mean(np.sqrt(shares)) == pytest.approx(theirs["hota"], abs=1e-9)
-    n = dict(zip(("tp", "fp", "fn", "tn"), compare_steps(truth.step, tracks.step, log.num_steps), strict=True))
+    known = np.ones(log.num_steps, bool)
+    n = dict(zip(("tp", "fp", "fn", "tn"), compare_steps(truth.step, tracks.step, known), strict=True))
     value, why = value_of("timestamp_balanced_accuracy", n)
     if value is None:  # av2-api counts a share of nothing as 1
         assert "av2-api counts that half as 1" in str(why)
@@ -231,6 +233,9 @@ def test_time_to_a_stable_track_by_hand() -> None:
     track[20] = -1
     n = count_arrivals(sequence, first, np.arange(NUM), track)
     assert (n.objects, n.followed) == (1, 0)
+    # Where the object counts from step 10 on, outside the region before, nobody waits for it there.
+    n = count_arrivals(sequence, first, np.arange(10, NUM), np.full(NUM - 10, 7))
+    assert (n.objects, n.followed, float(n.delay_s)) == (1, 1, 0.0)
     # Truth that doesn't count, outside the region or of another class, isn't waited for.
     assert count_arrivals(sequence, first, np.zeros(0, np.int64), np.zeros(0, np.int64)).objects == 0
 
@@ -278,6 +283,36 @@ def test_slices_of_a_run(tmp_path: Path) -> None:
     assert rows(write(tmp_path / "other", late), "cut-in")["events"].value == 0
 
 
+def test_tracks_on_truth_that_does_not_count_show_no_false_event(tmp_path: Path) -> None:
+    """An ignored car comes toward the ego, and a pedestrian crosses, whom tracks without classes follow."""
+
+    def ignored(k: int) -> Boxes3D:
+        return replace(coming(k), ignore=np.array([True]))
+
+    def walking(k: int) -> Boxes3D:
+        return boxes3d((25 - k, 6 - 0.2 * k), label="pedestrian", ids=[6], score=[0.9])
+
+    def nameless(k: int) -> Boxes3D:
+        return replace(walking(k), label=None)
+
+    for folder, event, found, truth in (("a", "oncoming", coming, ignored), ("b", "crossing", nameless, walking)):
+        accuracy = rows(write(tmp_path / folder, found, truth=truth), event)["timestamp_balanced_accuracy"]
+        assert accuracy.counts == {"tp": 0, "fp": 0, "fn": 0, "tn": NUM}, event
+    ghost = rows(write(tmp_path / "ghost", coming, truth=lambda k: coming(k)[:0]))["timestamp_balanced_accuracy"]
+    assert ghost.counts["fp"] == 23
+
+
+def test_one_frame_has_no_motion(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "run") as writer:
+        writer.add_frame(FrameRecord(0, START_NS, 0, None, {}, "", ""), {"total": 1})
+        for table in ("detections", "tracks"):
+            writer.add_boxes(table, 0, coming(0))
+        writer.label_frame(0, Truth(START_NS, START_NS, coming(0), None))
+        writer.set_poses(np.array([[0, 0, 0, 0, 0, 0, 1.0]]))
+        own = rows(Run(writer.finish(make_manifest())))
+    assert own["events"].reason == "the motion of the ego isn't known: that takes poses at most 1 s apart"
+
+
 def together(*runs: Run, event: str = "event:oncoming") -> dict[str, Score]:
     """Scores of runs as of several logs."""
     for i, run in enumerate(runs):
@@ -298,7 +333,7 @@ def test_runs_together(tmp_path: Path) -> None:
 def test_what_no_run_knows_stays_unknown_together(tmp_path: Path) -> None:
     lost = [write(tmp_path / name, coming, poses=False) for name in ("lost", "lost too")]
     events = together(*lost)["events"]
-    why = "the run has no poses, so the motion of the ego isn't known"
+    why = "the motion of the ego isn't known: that takes poses at most 1 s apart"
     assert (events.value, events.reason, events.counts) == (None, why, {})
     arrivals = together(*lost, event="all")
     unseen = "truth has neither visibility nor point counts with ids"
@@ -309,7 +344,7 @@ def test_what_no_run_knows_stays_unknown_together(tmp_path: Path) -> None:
 
 def test_null_with_the_reason(tmp_path: Path) -> None:
     own = rows(write(tmp_path / "poses", coming, poses=False))
-    assert own["events"].reason == "the run has no poses, so the motion of the ego isn't known"
+    assert own["events"].reason == "the motion of the ego isn't known: that takes poses at most 1 s apart"
     nameless = rows(write(tmp_path / "ids", coming, truth=lambda k: replace(coming(k), track_id=None)))
     assert nameless["events"].reason == "truth has no velocities, nor ids to derive them from"
     flat = rows(write(tmp_path / "flat", lambda k: boxes2d((0, 0, 9, 9), label="car")))
