@@ -7,6 +7,9 @@ import numpy as np
 from fbench.replay.data.arrays import Float64
 from fbench.replay.geometry.kernels import kernel, kernel_part
 
+_NARROWINGS = 16  # Of a stretch in which the gap is least, by a third each
+_FLAT_M = 1e-6  # Gaps that differ less are equal
+
 
 @kernel_part
 def _place(body: Float64, time_s: float) -> tuple[float, float, float]:
@@ -46,6 +49,27 @@ def _gap(ego: Float64, ahead_m: float, body: Float64, half_ego: Float64, half_bo
     return float(max(gap, abs(dy * body_c - dx * body_s) - half_body[1] - half_ego[0] * s - half_ego[1] * c))
 
 
+@kernel_part
+def _touch(
+    ego: Float64, ahead_m: float, body: Float64, half_ego: Float64, half_body: Float64, low_s: float, high_s: float
+) -> float:
+    """A moment between two at which the rectangles touch, where their gap is least; inf: they don't."""
+    low, high = low_s, high_s
+    for _ in range(_NARROWINGS):
+        third = (high - low) / 3
+        first = _gap(ego, ahead_m, body, half_ego, half_body, low + third)
+        if first <= 0:
+            return low + third
+        second = _gap(ego, ahead_m, body, half_ego, half_body, high - third)
+        if second <= 0:
+            return high - third
+        if first < second:
+            high = high - third
+        else:
+            low = low + third
+    return math.inf
+
+
 @kernel
 def meet(
     egos: Float64, ahead_m: float, bodies: Float64, half_ego: Float64, half_bodies: Float64, horizon_s: float,
@@ -55,7 +79,7 @@ def meet(
 
     The middle of an ego's rectangle is `ahead_m` before its place. Within u seconds from t on the rectangles come near
     by at most (v + a t) u + a u^2 / 2, where v is how fast both move and turn at first and a how hard both accelerate,
-    so as many steps are skipped as their gap allows.
+    so as many steps are skipped as their gap allows. Where the gap is least between steps, a touch is looked for there.
     Rectangles that overlap at once meet at 0 if they go on into each other, and not at all if they don't.
     """
     found = np.full(len(bodies), np.inf)
@@ -70,14 +94,22 @@ def meet(
             if _gap(ego, ahead_m, body, half_ego, half, step_s) < gap - 1e-9:
                 found[i] = 0.0
             continue
-        k = 0
+        k, before = 0, gap
         while k < num_steps:
             now = speed + gain * k * step_s
             free_s = 2 * gap / max(now + math.sqrt(now * now + 2 * gain * gap), 1e-9)
+            last, was = k, gap
             k = min(k + max(int(free_s / step_s), 1), num_steps)
             gap = _gap(ego, ahead_m, body, half_ego, half, k * step_s)
-            if gap <= 0:
-                low, high = (k - 1) * step_s, k * step_s
+            low, high = (k - 1) * step_s, k * step_s if gap <= 0 else math.inf
+            # Not where it stays as it is, as between bodies that go along with each other.
+            is_least = max(was - before, was - gap) <= _FLAT_M and min(was - before, was - gap) < -_FLAT_M
+            if gap > 0 and is_least and was < step_s * (now + gain * step_s):
+                low, end = max(last - 1, 0) * step_s, min(last + 1, k) * step_s
+                high = _touch(ego, ahead_m, body, half_ego, half, low, end)
+                low = last * step_s if high > last * step_s else low
+            before = was
+            if high < math.inf:
                 for _ in range(halvings):
                     middle = (low + high) / 2
                     if _gap(ego, ahead_m, body, half_ego, half, middle) > 0:

@@ -55,6 +55,10 @@ CASES: dict[str, tuple[Motion, Motion, tuple[float, float, float]]] = {
     # 10 t - t^2 / 2 = 20
     "a braking ego": (body(v=10, a=-1), body(24), (10 - 60**0.5, 2.5, 4 / (10 - 60**0.5) ** 2)),
     "an ego that speeds up": (body(v=5, a=2), body(28), (-2.5 + 30.25**0.5, 25 / 48, 4 / (-2.5 + 30.25**0.5) ** 2)),
+    # Corners meet for 0.09 s: ahead from 26.9 m (29.9 - 2 - 1), aside from 31.6 m (34.6 - 1 - 2) at 15 m/s each
+    "a corner hit between two steps": (
+        body(v=15), body(29.9, y=34.6, v=15, course=-np.pi / 2), (31.6 / 15, 15**2 / (2 * 31.6), 2 * 0.0 / 15),
+    ),
     "overlapping and standing": (body(), body(3), (INF, 0, 0)),
     "overlapping and moving apart": (body(v=5), body(3, v=6), (INF, 0, 0)),
 }  # fmt: skip
