@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from fbench.metrics.runs.columns import count_points
 from fbench.replay.contracts.profiles import Family
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
@@ -68,6 +69,8 @@ def objects_of(found: ImageRows, family: Family | None, step: Int64, alpha_rad: 
     solid = found.solid[found.solid_rows[has]]
     center, size, yaw = np.full((num, 3), np.nan), np.full((num, 3), np.nan), np.full(num, np.nan)
     center[has], size[has], yaw[has] = solid.center_m, solid.size_lwh_m, solid.yaw_rad
+    points, of_solids = np.full(num, -1), count_points(solid)
+    points[has] = -1 if of_solids is None else of_solids
 
     alpha = np.full(num, np.nan) if alpha_rad is None else alpha_rad.copy()
     for row, text in enumerate(found.column("attribute", "").tolist()):
@@ -87,6 +90,7 @@ def objects_of(found: ImageRows, family: Family | None, step: Int64, alpha_rad: 
         yaw_rad=yaw if has.any() else None,
         alpha_rad=_if_known(alpha),
         ignore=ignored if ignored.any() else None,
+        num_points=points if (points >= 0).any() else None,
         **levels,
     )
 

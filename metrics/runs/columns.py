@@ -38,10 +38,6 @@ def objects_of(
         angles = [angle for angle in (boxes.roll_rad, boxes.pitch_rad) if angle is not None]
         sane = np.all([np.ones(n, bool), *map(np.isfinite, angles)], axis=0)
         place |= {"distance_m": np.hypot(np.hypot(x, y), z), "yaw_rad": np.where(sane, boxes.yaw_rad, np.nan)}
-    # LiDAR and radar points together; unknown where either side doesn't tell of a box.
-    points = [column for column in (boxes.num_lidar_pts, boxes.num_radar_pts) if column is not None]
-    total = sum((np.maximum(column, 0) for column in points), np.zeros(n, np.int64))
-    unknown = np.all([column < 0 for column in points], axis=0)
     objects = Objects(
         step=step[order],
         label=np.full(n, "") if boxes.label is None else boxes.label,
@@ -50,7 +46,7 @@ def objects_of(
         occlusion=boxes.occlusion,
         truncation=boxes.truncation,
         visibility=boxes.visibility,
-        num_points=np.where(unknown, -1, total) if points else None,
+        num_points=count_points(boxes),
         attribute=boxes.attribute,
         sources=boxes.sources,
         ignore=boxes.ignore,
@@ -60,6 +56,15 @@ def objects_of(
         **place,
     )
     return objects[content_order(objects)]
+
+
+def count_points(boxes: Boxes) -> Int64 | None:
+    """LiDAR and radar points (N,) in boxes together; -1 where neither sensor tells of a box, `None` where of none."""
+    points = [column for column in (boxes.num_lidar_pts, boxes.num_radar_pts) if column is not None]
+    if not points:
+        return None
+    total = sum((np.maximum(column, 0) for column in points), np.zeros(len(boxes), np.int64))
+    return np.where(np.all([column < 0 for column in points], axis=0), -1, total)
 
 
 def of_steps(sequence: Sequence, kept: Bool) -> Sequence:

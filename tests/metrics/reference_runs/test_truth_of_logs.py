@@ -2,13 +2,16 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.metrics.reference_runs.kitti_drive import write_results, write_truth
 from tests.metrics.reference_runs.test_runs_of_nuscenes import drive, made_run
-from tests.replay.formats.exports import exported
+from tests.replay.formats.exports import exported, stamp, sweeps, write_log
 
 from fbench.metrics.files.sequences import open_files, open_source
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Truth
 
 
 def imported(program, tmp_path: Path, out: Path) -> Path:
@@ -40,6 +43,24 @@ def test_a_log_of_nuscenes_tells_samples_and_poses(profile, form, tmp_path, scor
     assert list(own) == list(of_log)
     for key, (value, _) in of_log.items():
         assert own[key][0] == (None if value is None else pytest.approx(value, abs=2e-5)), key
+
+
+@pytest.mark.parametrize(("profile", "name"), [("av2", "regular_vehicle"), ("waymo", "vehicle")])
+def test_truth_without_points_does_not_count(profile, name, tmp_path, scored):
+    """Three boxes a frame: without points, with points of the LiDAR, and of the radar alone. All are found."""
+    made = Boxes3D(
+        np.array([[10.0, 0, 0], [20, 0, 0], [30, 0, 0]]), np.tile([4.0, 2.0, 1.5], (3, 1)), np.zeros(3),
+        label=np.full(3, "car"), source_label=np.full(3, "REGULAR_VEHICLE" if profile == "av2" else "vehicle"),
+        num_lidar_pts=np.array([0, 9, -1]), num_radar_pts=np.array([-1, -1, 1]),
+    )  # fmt: skip
+    truths = [Truth(stamp(i), stamp(i), made, None) for i in range(3)]
+    log = write_log(tmp_path / "points.mcap", [*sweeps(3), *truths])
+    rows = ["stamp_ns,x,y,z,length,width,height,yaw,label,score"]
+    rows += [f"{stamp(i)},{x},0,0,4,2,1.5,0,{name},{x / 100}" for i in range(3) for x in (10, 20, 30)]
+    (tmp_path / "found.csv").write_text("\n".join(rows))
+    found = scored("--truth", log, "--detections", tmp_path / "found.csv", "--profile", profile)
+    assert {n["tp"] for key, (_, n) in found.items() if key[:2] == ("ap", name) and key[3] == "all"} == {6}
+    assert {n["fp"] for key, (_, n) in found.items() if key[:2] == ("ap", name) and key[3] == "all"} == {3}
 
 
 def test_what_isnt_truth(program, tmp_path):
