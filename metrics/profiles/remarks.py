@@ -31,6 +31,7 @@ class Remarks:
     num_ids: Counter[str] = field(default_factory=Counter)  # Of these, those that have an id
     truth_labels: Counter[str] = field(default_factory=Counter)  # Without what is to be ignored
     labels: Counter[str] = field(default_factory=Counter)  # Of all results
+    num_beyond: int = 0  # Results that count with scores below 0 or above 1
     scores: dict[str, list[Float64]] = field(default_factory=dict)
     """Of results that count, by label: where ties can decide."""
 
@@ -43,6 +44,7 @@ class Remarks:
             for what, objects, rows in ((_TRUTH, truth, asked), (_RESULTS, results, counts)):
                 self.num[what] += int(rows.sum())
                 self.num_ids[what] += int((objects.track_id[rows] >= 0).sum())
+            self.num_beyond += int((np.abs(results.score[counts] - 0.5) > 0.5).sum())
             self.truth_labels.update(truth.label[asked].tolist())
             self.labels.update(results.label.tolist())
             for name in np.unique(results.label).tolist() if self.profile.facts.ranks_by_file else ():
@@ -73,6 +75,9 @@ class Remarks:
         if num:
             ranks = "tools rank them as the file does, here content decides"
             found.append(f"{num} results share their score with another of their class: {ranks}")
+        if self.num_beyond and self.profile.facts.cuts_up_to_1:
+            cut = f"{self.profile.name} leaves out those below 0, and doesn't rank those above 1"
+            found.append(f"{self.num_beyond} of {self.num[_RESULTS]} results have scores outside 0 to 1: {cut}")
         return [f"{self.what}: {line}" for line in found]
 
     def _about_classes(self) -> Iterator[str]:

@@ -80,6 +80,7 @@ class Facts:
     needs_ego: bool = False  # Its ranges are about the ego, so that boxes in the world need the ego's position
     needs_time: bool = False  # Samples need an order in time
     ranks_by_file: bool = False  # Its tool ranks equal scores as the file has them, which changes AP
+    cuts_up_to_1: bool = False  # It cuts results by their scores from 0 to 1, so that others aren't ranked
 
 
 class Statistics(Protocol):

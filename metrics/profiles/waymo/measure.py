@@ -70,17 +70,25 @@ def measure(
     for rule in rules:
         truth = sequence.truth[kept & np.isin(sequence.truth.label, rule.labels)]
         own = np.isin(sequence.estimates.label, rule.labels)
-        estimates = sequence.estimates[own & valid]
-        wrong += int((own & ~valid).sum())
+        estimates, invalid = sequence.estimates[own & valid], sequence.estimates[own & ~valid]
+        wrong += len(invalid)
         problem = _compare(sequence, truth, estimates, rule.overlap, sensor_m)
-        far = [_distances(side, sequence) for side in (truth, estimates)]
+        far = [_distances(side, sequence) for side in (truth, estimates, invalid)]
         for low, high in ((0.0, np.inf), *itertools.pairwise(RANGES_M)):
-            parts = [(low <= d) & (d < high) for d in far]
-            name = "" if (low, high) == (0.0, np.inf) else f"{low:g}-{high:g} m" if high < np.inf else f"from {low:g} m"
-            for level, counts in _count(problem, truth, estimates, *parts).items():
-                curves[rule.name, name, level] = counts
+            parts, is_whole = [(low <= d) & (d < high) for d in far], (low, high) == (0.0, np.inf)
+            name = "" if is_whole else f"{low:g}-{high:g} m" if high < np.inf else f"from {low:g} m"
+            # Of what isn't valid, also what is nowhere.
+            alarms = _count_held(invalid if is_whole else invalid[parts[2]])
+            for level, counts in _count(problem, truth, estimates, *parts[:2]).items():
+                curves[rule.name, name, level] = counts + CurveCounts(alarms=alarms)
     num_invalid = int((~valid_truth).sum())
     return WaymoStatistics(curves, len(sequence.steps), num_invalid, wrong)
+
+
+def _count_held(invalid: Objects) -> tuple[int, ...]:
+    """How many estimates that aren't valid each cutoff leaves; those without a finite score always stay."""
+    score = np.where(np.isfinite(invalid.score), invalid.score, np.inf).astype(np.float32)
+    return tuple((score[:, None] >= CUTOFFS).sum(axis=0).tolist())
 
 
 def _distances(objects: Objects, sequence: Sequence) -> Float64:

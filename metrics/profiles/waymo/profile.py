@@ -75,7 +75,7 @@ class WaymoProfile:
     def facts(self) -> Facts:
         """What it judges; with tolerance people look for other metrics."""
         metrics = ("ap", "aph") if self.camera_m is None else ("let_apl", "let_ap", "let_aph")
-        return Facts(judges_tracks=False, space="3d", headlines=Headlines(metrics))
+        return Facts(judges_tracks=False, space="3d", headlines=Headlines(metrics), cuts_up_to_1=True)
 
     @property
     def result_labels(self) -> frozenset[str]:

@@ -9,6 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fbench.metrics.core.similarity import blocks
+from fbench.metrics.profiles.av2.detection import Av2Detection
+from fbench.metrics.profiles.remarks import Remarks
 from fbench.metrics.profiles.waymo.measure import CUTOFFS
 from fbench.metrics.profiles.waymo.profile import WaymoProfile, average_precision
 from fbench.replay.contracts.errors import ConfigError
@@ -43,6 +45,27 @@ def test_a_perfect_result_and_a_turned_one() -> None:
     assert (found["ap", "all"].value, found["aph", "all"].value) == (pytest.approx(1), pytest.approx(1))
     turned = score(truth, side([[(10, 0, math.pi, 0.9)], [(20, 5, 0, 0.9)]]))
     assert (turned["ap", "all"].value, turned["aph", "all"].value) == (pytest.approx(1), pytest.approx(0.5))
+
+
+def test_results_that_are_no_boxes_are_false_alarms() -> None:
+    """Nowhere, and with a score that isn't a number; each counts beside the hit, at every cutoff up to its score."""
+    truth = side([[(10, 0, 0, 1)]])
+    for bad in ((math.nan, 0, 0, 0.9), (20.0, 0, 0, math.nan)):
+        found = score(truth, side([[(10, 0, 0, 0.5), bad]]))
+        counts = found["ap", "all"].counts
+        assert (found["ap", "all"].value, counts["fp"], counts["invalid_estimates"]) == (pytest.approx(0.5), 1, 1)
+    assert score(truth, side([[(10, 0, 0, 0.5), (20, 0, 0, math.nan)]]))["ap", "all, 0-30 m"].value == pytest.approx(
+        0.5
+    )
+    assert score(truth, side([[(10, 0, 0, 0.5), (math.nan, 0, 0, 0.1)]]))["ap", "all"].value == pytest.approx(1)
+
+
+def test_scores_outside_0_to_1_are_remarked() -> None:
+    truth, found = side([[(10, 0, 0, 1)]]), side([[(10, 0, 0, -2.0), (20, 0, 0, 3.0), (30, 0, 0, 1.0)]])
+    for profile, num in ((WaymoProfile(), 1), (Av2Detection(), 0)):
+        remarks = Remarks(profile, "mine")
+        assert len(list(remarks.watch([Sequence("one", Steps.of_one_stream(1), truth, found)]))) == 1
+        assert sum("2 of 3 results have scores outside 0 to 1" in line for line in remarks.lines()) == num
 
 
 def test_levels_and_points() -> None:
