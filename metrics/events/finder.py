@@ -14,6 +14,7 @@ from fbench.replay.data.sequences import Objects, Steps
 EVENTS = ("cut-in", "crossing", "hard braking", "stopped behind", "oncoming", "occluded then visible",
           "first seen at distance")  # fmt: skip
 BY_SIGHT = EVENTS[-2:]  # These need to know what can be seen; the others need motions
+_BY_CHANGE = ("cut-in", "hard braking")  # These need more than one instant of an object, so ids
 _MOVING_MPS = 2.0  # From this speed on, vehicles and the ego move
 _STANDING_MPS = 0.5
 _ALONG_RAD, _AGAINST_RAD = np.pi / 4, 3 * np.pi / 4  # Courses against the path: along up to, toward the ego from
@@ -36,6 +37,7 @@ class Found:
     known: Bool  # (N,) whether place and motion are known
     visible: Bool | None  # (N,) whether an object is seen; `None`: nobody tells
     first_seen: Int64  # Rows (K,) at which objects are seen first, of those that weren't seen from the beginning
+    has_ids: bool  # Whether any box has one
 
     def unknown(self, event: str, has_ego: bool) -> str | None:
         """Say why nothing can be said about an event; `None` where something can."""
@@ -45,6 +47,8 @@ class Found:
             return EGO_UNKNOWN
         if len(self.known) and not self.known.any():
             return "truth has no velocities, nor ids to derive them from"
+        if event in _BY_CHANGE and len(self.known) and not self.has_ids:
+            return f"truth has no ids, which {event} takes"
         return None
 
 
@@ -83,7 +87,7 @@ def find_events(objects: Objects, steps: Steps, ego: EgoMotion, is_truth: bool =
         first = _first_seen(tracks, visible, objects, steps)
         rows["first seen at distance"] = _far_first(tracks, first, time_s, objects)
         rows["occluded then visible"] = _find_reappearing(tracks, visible, hidden, time_s, steps.places[objects.step])
-    return Found({name: rows[name] for name in EVENTS}, known, visible, first)
+    return Found({name: rows[name] for name in EVENTS}, known, visible, first, bool((objects.track_id >= 0).any()))
 
 
 def _is_vehicle(objects: Objects) -> Bool:

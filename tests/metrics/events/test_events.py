@@ -353,6 +353,18 @@ def test_null_with_the_reason(tmp_path: Path) -> None:
     assert unseen["time_to_track"].reason == "truth has neither visibility nor point counts with ids"
 
 
+def test_changes_are_not_known_without_ids(tmp_path: Path) -> None:
+    def moving(k: int) -> Boxes3D:
+        return replace(coming(k), track_id=None, velocity_mps=np.array([[-10.0, 0, 0]]))
+
+    run = write(tmp_path / "run", coming, truth=moving)
+    for event in ("cut-in", "hard braking"):
+        assert (rows(run, event)["events"].value, rows(run, event)["events"].reason) == (
+            None, f"truth has no ids, which {event} takes",
+        )  # fmt: skip
+    assert rows(run)["events"].value == 23  # Without an id, each box is an event of its own
+
+
 def test_found_has_every_event() -> None:
     found: Found = find_events(bodies(driving, cutting)[:0], steps(), ego(driving))
     assert tuple(found.rows) == EVENTS
