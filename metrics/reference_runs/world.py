@@ -55,7 +55,8 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
 def body_sequence(run: Run, table: BoxTable, family: Family) -> Sequence:
     """Return truth and results of a run in body coordinates, by the names of a benchmark that looks all around.
 
-    Results of classes that the benchmark doesn't have are left out. Raises MetricError without 3D truth (GT001).
+    Results of classes that the benchmark doesn't have are left out, those without a class are not. Raises MetricError
+    without 3D truth (GT001).
     """
     labeled = Labelled.of(run, "3d")
     if not labeled.frames:
@@ -67,11 +68,13 @@ def body_sequence(run: Run, table: BoxTable, family: Family) -> Sequence:
         blank = np.full(len(boxes), "")
         sources, labels = (blank if c is None else c for c in (boxes.source_label, boxes.label))
         names = names_of(family, sources, labels, np.zeros(len(boxes), bool))
-        sides.append(objects_of(replace(boxes, label=names), frame, np.ones(len(boxes), bool)))
+        # What has no class at all stays, to be counted as such.
+        kept = (names != "") | ((labels == "") & (sources == "")) | (own is not table)
+        sides.append(objects_of(replace(boxes, label=names)[kept], frame[kept], np.ones(int(kept.sum()), bool)))
     truth, results = sides
-    bad, kept = find_unreal(truth), results.label != ""
+    bad = find_unreal(truth)
     name, num_unlabeled = run.manifest.log.name, len(run.frames) - len(labeled.frames)
-    return Sequence(name, labeled.steps(), truth[~bad], results[kept], num_unlabeled, int(bad.sum()))
+    return Sequence(name, labeled.steps(), truth[~bad], results, num_unlabeled, int(bad.sum()))
 
 
 def in_world(frame: Int64, boxes: Boxes2D | Boxes3D, poses: Float64, family: Family, is_truth: bool) -> Objects:

@@ -122,11 +122,12 @@ def test_what_a_run_cant_give(tmp_path):
     assert run_sequence(run, profile_of("nuscenes-detection")).ego_m is None
 
 
-def test_results_without_classes_are_told(tmp_path, program, capsys):
+@pytest.mark.parametrize("profile", ["nuscenes-detection", "av2", "av2-tracking", "waymo"])
+def test_results_without_classes_are_told(profile, tmp_path, program, capsys):
     truths, results = drive()
     bare = [Boxes3D(b.center_m, b.size_lwh_m, b.yaw_rad, track_id=b.track_id, score=b.score) for b in results]
     run = made_run(tmp_path, truths, bare)
-    assert program("score", run.folder, "--profile", "nuscenes-detection") == 0
+    assert program("score", run.folder, "--profile", profile) == 0
     assert "the results have no classes" in capsys.readouterr().err
 
 
