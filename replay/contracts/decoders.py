@@ -119,7 +119,7 @@ def load_decoder(name: str) -> Decoder:
     """Return the decoder of an entry point, or that of `FILE.py:FUNCTION`. Raises ConfigError as `load` does, and where
     it isn't a decoder.
     """
-    found = load("decoders", name)
+    found = load("decoders", name, Decoder)
     if not isinstance(found, Decoder):
         raise ConfigError(f"decoder '{name}' is a {type(found).__name__}, no function below @decodes(TYPE, kind=KIND)")
     return found

@@ -3,7 +3,7 @@
 import importlib.util
 import inspect
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -26,18 +26,21 @@ def entry_points_of(group: Group) -> dict[str, EntryPoint]:
     return points
 
 
-def load(group: Group, name: str) -> Any:
+def load(group: Group, name: str, kind: type | None = None, others: Iterable[str] = ()) -> Any:
     """Return what a name of `fbench.GROUP` stands for: a class, profile or decoder, or what `FILE.py:NAME` names.
     Raises ConfigError for an unknown name (with the nearest one) or a plug-in that can't be imported.
+
+    Args:
+        group: Of plug-ins.
+        name: Of an entry point, or `FILE.py:NAME`.
+        kind: What a file defines that can be meant: objects of this kind; `None`: classes.
+        others: Names besides those of entry points that may have been meant.
     """
     if ".py:" in name:
-        return _from_file(name, group)
+        return _from_file(name, kind)
     points = entry_points_of(group)
     if name not in points:
-        from fbench.replay.contracts.variants import find_variants  # reads entry points itself
-
-        variants = [variant.name for variant, _ in find_variants()] if group == "pipelines" else []
-        raise ConfigError(f"unknown {group.removesuffix('s')} '{name}'{did_you_mean(name, [*points, *variants])}")
+        raise ConfigError(f"unknown {group.removesuffix('s')} '{name}'{did_you_mean(name, [*points, *others])}")
     try:
         return points[name].load()
     except (ImportError, AttributeError) as error:
@@ -58,7 +61,7 @@ def absolute_name(name: str) -> str:
     return f"{Path(f'{path}.py').resolve()}:{member}" if path else name
 
 
-def _from_file(name: str, group: Group) -> Any:
+def _from_file(name: str, kind: type | None) -> Any:
     path, _, member = name.rpartition(":")
     file = Path(path).resolve()
     if not file.is_file():
@@ -75,15 +78,12 @@ def _from_file(name: str, group: Group) -> Any:
         raise
     except BaseException as error:
         raise ConfigError(f"{path}: can't be imported: {one_line(error)}") from error
-    found: dict[str, Any]
-    if group == "decoders":
-        from fbench.replay.contracts.decoders import Decoder
-
-        found = {n: v for n, v in vars(module).items() if isinstance(v, Decoder)}
-        what, hint = "function", " below @decodes(TYPE, kind=KIND)"
-    else:
-        found = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
+    if kind is None:
         what, hint = "class", ""
+        found = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
+    else:
+        what, hint = "function", " below @decodes(TYPE, kind=KIND)"
+        found = {n: v for n, v in vars(module).items() if isinstance(v, kind)}
     if member not in found:
         raise ConfigError(f"{path}: has no {what} '{member}'{hint}{did_you_mean(member, found)}")
     return found[member]

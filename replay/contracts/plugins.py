@@ -19,7 +19,7 @@ from fbench.replay.contracts.entry_points import entry_points_of, load
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, RunError, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.contracts.settings import apply_settings, describe
-from fbench.replay.contracts.variants import SUFFIX, variant_of, variant_settings
+from fbench.replay.contracts.variants import SUFFIX, find_variants, variant_of, variant_settings
 
 _MAX_CHARS = 60
 
@@ -183,7 +183,7 @@ def _choose_class(name: str) -> tuple[type, list[str]]:
     variant = variant_of(name)
     if variant is None:
         parsed = parse_name(name)
-        cls = load("pipelines", parsed.plugin)
+        cls = load("pipelines", parsed.plugin, others=(found.name for found, _ in find_variants()))
         if parsed.argument is None:
             return cls, []
         if not isinstance(cls, TakesArgument):
