@@ -88,7 +88,7 @@ def find_conflicts(ego: Motion, outline: Outline, bodies: Motion, size_lw_m: Flo
     They meet when the two rectangles first touch. Rectangles that overlap at once, which happens where the outline
     isn't exact, meet at 0 s if they go on into each other, and not at all if they don't.
     """
-    from fbench.metrics.criticality.contact_kernel import meet  # numba takes a while to import
+    from fbench.metrics.criticality.kernels import meet  # numba takes a while to import
 
     known = ego.known & bodies.known & np.isfinite(size_lw_m).all(axis=1)
     ttc, brake, evade = (np.where(known, none, np.nan) for none in (np.inf, 0.0, 0.0))

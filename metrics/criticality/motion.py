@@ -18,6 +18,10 @@ from fbench.replay.runs.folder import Run
 Complex = NDArray[np.complex128]
 SLOW_MPS = 0.5  # Below it a direction of motion is noise: such bodies go on along their heading, unchanged
 MAX_GAP_S = 1.0  # Between instants farther apart than this nothing is differentiated
+FIT_S = 1.0
+"""Where only places are known, motion is that of a parabola through so long a part of their course: in differences of
+neighbors, the jitter of labels looks like braking.
+"""
 EGO_UNKNOWN = f"the motion of the ego isn't known: that takes poses at most {MAX_GAP_S:g} s apart"
 MOST_MPS2, MOST_RADPS = 10.0, 1.5
 """No road user accelerates or turns faster; differences of labels that jitter do, and are limited to this."""
@@ -111,7 +115,31 @@ def differentiate(values: Complex, time_s: Float64, stretch: Int64) -> Complex:
     before, after = np.concatenate([nothing, slope]), np.concatenate([slope, nothing])
     length = np.concatenate([[1.0], np.where(near, step_s, 1.0), [1.0]])
     both = (before * length[1:] + after * length[:-1]) / (length[1:] + length[:-1])
-    return np.asarray(np.where(np.isnan(before), after, np.where(np.isnan(after), before, both)), np.complex128)
+    found = np.where(np.isnan(before), after, np.where(np.isnan(after), before, both))
+    return np.asarray(found[: len(values)], np.complex128)
+
+
+def fit_motion(places: Complex, time_s: Float64, stretch: Int64) -> tuple[Complex, Complex]:
+    """Return velocities and accelerations (N,) of places (N,) at rising times (N,) within each stretch (N,) of equal
+    numbers: those of the parabola that is nearest (least squares) to the places within `FIT_S`, which lie around, or
+    at the ends of a stretch on one side. Where these are fewer than three, differences. A gap of more than `MAX_GAP_S`
+    ends a stretch.
+    """
+    from fbench.metrics.criticality.kernels import fit_parabolas  # numba takes a while to import
+
+    velocity = differentiate(places, time_s, stretch)
+    acceleration = differentiate(velocity, time_s, stretch)
+    known = np.flatnonzero(np.isfinite(places))
+    xy, t = np.column_stack([places.real, places.imag])[known], time_s[known]
+    begins = np.concatenate([[True], (np.diff(stretch[known]) != 0) | (np.diff(t) > MAX_GAP_S + 1e-9)])[: len(known)]
+    part, ends = np.cumsum(begins), np.append(np.flatnonzero(begins)[1:], len(known)) - 1
+    first_s, last_s = t[begins][part - 1], t[ends[: begins.sum()]][part - 1]
+    half_s = np.minimum(FIT_S, last_s - first_s) / 2
+    middle_s = np.clip(t, first_s + half_s, last_s - half_s)
+    motion = np.column_stack([velocity.real, velocity.imag, acceleration.real, acceleration.imag])[known]
+    fit_parabolas(xy, t, part, middle_s, half_s + 1e-9, motion)
+    velocity[known], acceleration[known] = motion[:, 0] + 1j * motion[:, 1], motion[:, 2] + 1j * motion[:, 3]
+    return velocity, acceleration
 
 
 def find_ego_motion(run: Run) -> EgoMotion:
@@ -158,9 +186,9 @@ def move_ego(ego: EgoMotion, steps: Steps) -> Motion:
 def move_objects(objects: Objects, steps: Steps, ego: EgoMotion, else_standing: bool = False) -> Motion:
     """Return the motion (N,) of road users, in the axes of the ego at the step of each.
 
-    Velocities are those that the boxes have; else they are differences of the places that boxes of one id have in the
-    world, at the steps before and after. What has neither is unknown, or stands where `else_standing`. Turn rates and
-    accelerations are differences of velocities; 0 where a box has no neighbor of its id.
+    Velocities are those that the boxes have, and turn rates and accelerations are their differences; 0 where a box has
+    no neighbor of its id. Else all follow from the places that boxes of one id have in the world, as `fit_motion` says.
+    What has neither is unknown, or stands where `else_standing`.
     """
     own, n = ego.of_frames(steps.frame), len(objects)
     if objects.center_m is None or objects.yaw_rad is None:
@@ -179,12 +207,15 @@ def move_objects(objects: Objects, steps: Steps, ego: EgoMotion, else_standing: 
     if objects.velocity_mps is not None:
         own_mps = _finite(objects.velocity_mps)
         velocity = (own_mps[:, 0] + 1j * own_mps[:, 1]) * turn
-    derived, change = np.empty(n, np.complex128), np.empty(n, np.complex128)
-    derived[order] = differentiate(world[order], time_s, stretch)
-    velocity = np.where(np.isfinite(velocity), velocity, derived)
+    given: Bool = np.isfinite(velocity)
+    derived, bent, change = (np.full(n, np.nan + 0j) for _ in range(3))
+    if not given.all():
+        derived[order], bent[order] = fit_motion(world[order], time_s, stretch)
+    velocity = np.where(given, velocity, derived)
     if else_standing:
         velocity = np.where(np.isfinite(velocity), velocity, 0)
     change[order] = differentiate(velocity[order], time_s, stretch)
+    change = np.where(given | np.isnan(bent), change, bent)
     return _describe(velocity * np.conj(turn), change * np.conj(turn), place, yaw_rad)
 
 

@@ -99,7 +99,7 @@ def _of_instants(objects: Objects, bodies: Motion, p: PathPlaces, ego_mps: Float
     vehicle, speed, course = _is_vehicle(objects), bodies.speed_mps, np.abs(p.course_rad)
     in_lane, ahead = np.abs(p.aside_m) <= _LANE_M, p.ahead_m > 0
     across_mps = speed * np.sin(p.course_rad)
-    reaches = (p.aside_m * across_mps < 0) & (np.abs(p.aside_m) <= _CROSS_S * np.abs(across_mps))
+    reaches = (p.aside_m * across_mps < 0) & (np.abs(p.aside_m) <= _CROSS_S * np.abs(across_mps) + 1e-9)
     brakes = (bodies.acceleration_mps2 <= -_BRAKE_MPS2) & (speed >= _BRAKE_FROM_MPS) & (course <= _ALONG_RAD)
     stand = (speed < _STANDING_MPS) & (ego_mps < _STANDING_MPS) & (np.abs(p.heading_rad) <= _ALONG_RAD)
     crosses = (speed >= _STANDING_MPS) & (course > _ALONG_RAD) & (course < _AGAINST_RAD) & (in_lane | reaches)

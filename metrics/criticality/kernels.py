@@ -1,10 +1,10 @@
-"""Compiled search for the moment at which two moving rectangles first touch."""
+"""Compiled loops of criticality: when two moving rectangles first touch, and parabolas through places."""
 
 import math
 
 import numpy as np
 
-from fbench.replay.data.arrays import Float64
+from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.geometry.kernels import kernel, kernel_part
 
 _NARROWINGS = 16  # Of a stretch in which the gap is least, by a third each
@@ -119,3 +119,38 @@ def meet(
                 found[i] = high
                 break
     return found
+
+
+@kernel
+def fit_parabolas(
+    xy: Float64, time_s: Float64, part: Int64, middle_s: Float64, half_s: Float64, motion: Float64
+) -> None:
+    """Fill in velocity and acceleration (N, 4) of places (N, 2) at rising times (N,): those of the parabola nearest to
+    the places of the same part (N,) that lie within `half_s` (N,) of `middle_s` (N,); nothing where these are fewer
+    than three. Least squares, from the place itself and from the mean time on, so that little is rounded.
+    """
+    for i in range(len(xy)):
+        first, last = i, i
+        while first > 0 and part[first - 1] == part[i] and middle_s[i] - time_s[first - 1] <= half_s[i]:
+            first -= 1
+        while last + 1 < len(xy) and part[last + 1] == part[i] and time_s[last + 1] - middle_s[i] <= half_s[i]:
+            last += 1
+        num, mean = last - first + 1, 0.0
+        for j in range(first, last + 1):
+            mean += (time_s[j] - time_s[i]) / num
+        second = third = fourth = 0.0
+        for j in range(first, last + 1):
+            t = time_s[j] - time_s[i] - mean
+            second, third, fourth = second + t**2, third + t**3, fourth + t**4
+        # Of two different times, rounding aside, no parabola follows.
+        free = fourth - second**2 / num - third**2 / second if second > 0 else 0.0
+        if free <= 1e-9 * fourth:
+            continue
+        for axis in range(2):
+            sum_0 = sum_1 = sum_2 = 0.0
+            for j in range(first, last + 1):
+                t, way = time_s[j] - time_s[i] - mean, xy[j, axis] - xy[i, axis]
+                sum_0, sum_1, sum_2 = sum_0 + way, sum_1 + way * t, sum_2 + way * t**2
+            bend = (sum_2 - second * sum_0 / num - third * sum_1 / second) / free
+            motion[i, axis] = (sum_1 - third * bend) / second - 2 * bend * mean
+            motion[i, 2 + axis] = 2 * bend
