@@ -59,12 +59,17 @@ class BevSample:
 
 def bev_samples(logs: Sequence[Path], threads: int, faults: FaultLog) -> list[BevSample]:
     """Read all frames of logs that have 3D truth; what is wrong with their data is counted in `faults`. Raises LogError
-    where there are none, or nothing is to be found.
+    where there are none, or nothing is to be found, such as where no box holds points.
     """
     with ThreadPoolExecutor(threads, "fbench-logs") as pool:
         found = gather(pool.map(_read_log, logs), faults)
     if not any((sample.class_id >= 0).any() for sample in found):
         raise LogError(f"no frame with 3D truth labeled {', '.join(CLASSES)} in these logs: nothing to learn from")
+    least = BevSettings.least_points
+    if not any((judge_boxes(one.points, one.boxes, one.class_id, least).class_id >= 0).any() for one in found):
+        raise LogError(
+            "no 3D truth in these logs holds points or echoes: nothing to learn from; is the calibration right?"
+        )
     return found
 
 
