@@ -23,7 +23,7 @@ from fbench.replay.engine.clock import Clock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.frames import FrameStream
-from fbench.replay.logs.open import open_log
+from fbench.replay.logs.open import find_logs, open_log
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import ConditionEntry
@@ -34,7 +34,6 @@ from fbench.replay.setup.source import LogRequest, log_source
 from fbench.reports.sheet import Cell, Sheet, draw_sheet, require_drawable
 
 _CLEAR = "clear"
-_LOGS = (".mcap", ".parquet", ".bag")
 _ORDER = (
     "camera2d", "lidar2d", "radar2d", "early2d", "late2d", "lidar3d", "radar3d", "stereo3d", "early3d", "late3d",
 )  # fmt: skip
@@ -262,15 +261,8 @@ class _Logs:
         for place in self._places:
             if not place.exists():
                 raise ConfigError(f"--log {place}: no such log, nor folder of logs")
-            if place.is_file() or _is_log_folder(place):
-                found.append(place)
-            else:
-                found += sorted(p for p in place.iterdir() if p.suffix in _LOGS or _is_log_folder(p))
+            found += find_logs(place)
         yield from sorted(found, key=lambda path: path.stem != name)
-
-
-def _is_log_folder(path: Path) -> bool:
-    return any((path / name).is_file() for name in ("log.json", "metadata.yaml"))  # Parquet; rosbag2
 
 
 def _from_log(path: Path, run: Run, index: int) -> MediaFrame:

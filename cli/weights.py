@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from fbench.cli import options
 from fbench.cli.progress import byte_progress, message_progress, replay_progress
-from fbench.cli.show import console, make_table, print_json, say
+from fbench.cli.show import console, fault_lines, make_table, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.files import make_parent
 from fbench.replay.data.scores import format_count
@@ -49,14 +49,19 @@ def get(
 @app.command("train", epilog=options.examples("weights train"))
 def train(
     folder: Annotated[
-        Path, Argument(metavar="LOGS", help="Folder of logs with truth: 2D for camera and rgbd, 3D for learned3d.")
+        Path,
+        Argument(
+            metavar="LOGS", help="Folder of logs with truth (or one log): 2D for camera and rgbd, 3D for learned3d."
+        ),
     ],
     out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="File for the weights.")],
     model: Annotated[
         Literal["camera", "rgbd", "learned3d"],
         Option(help="The camera detector, the one with points in its image, or the bird's-eye network of learned3d."),
     ] = "camera",
-    seed: Annotated[int | None, Option(min=0, help="Seed of the initial weights and of the augmentation.")] = None,
+    seed: Annotated[
+        int | None, Option(min=0, max=2**63 - 1, help="Seed of the initial weights and of the augmentation.")
+    ] = None,
     steps: Annotated[int | None, Option(min=1, help="Number of training steps; use fewer for a trial.")] = None,
     device: Annotated[Literal["cpu", "cuda"], Option(help="Device on which to train.")] = "cpu",
     threads: Annotated[int, Option(min=1, max=256, help="Number of CPU threads.")] = 2,
@@ -69,6 +74,8 @@ def train(
         raise ConfigError(f"training needs {error.name}: pip install 'fbench[torch]'") from error
     if out.suffix != ".onnx":
         raise ConfigError(f"{out}: expected a name that ends in .onnx")
+    if out.is_dir():
+        raise ConfigError(f"{out}: is a folder; name a file for the weights")
     make_parent(out)
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("--device cuda: torch finds no CUDA device here")
@@ -78,9 +85,10 @@ def train(
     loop = recipe.loop
     num = format_count(len(loop.samples), "frame" if model == "learned3d" else "image")
     say(f"{num}, {format_count(loop.settings.steps, 'step')}, seed {loop.settings.seed}")
+    say(*fault_lines([row for row in recipe.faults.rows() if row["behaviour"] == "count"]))
     checkpoint = out.with_suffix(".checkpoint")
     with message_progress(out.name, loop.settings.steps) as progress:
-        network = loop.run(checkpoint, _reporter(progress, recipe.losses))
+        network = loop.run(checkpoint, _reporter(progress))
     card = recipe.finish(network, out)
     checkpoint.unlink()
     say(f"weights: {out}", f"card: {card}")
@@ -189,21 +197,22 @@ def _count(blocks: Iterable[bytes], progress: Callable[[int], None]) -> Iterator
 
 
 def _find_logs(folder: Path) -> Sequence[Path]:
-    if not folder.is_dir():
+    from fbench.replay.logs.open import find_logs
+
+    if not folder.exists():
         raise ConfigError(f"{folder}: no such folder; to make one: fbench log simulate training -o {folder}")
-    found = sorted(path for path in folder.iterdir() if path.suffix in (".mcap", ".parquet"))
+    found = find_logs(folder)
     if not found:
         raise ConfigError(f"{folder}: no logs in it; to make them: fbench log simulate training -o {folder}")
     return found
 
 
-def _reporter(progress: Callable[[int], None], every: list[float]) -> Callable[[int, float], None]:
+def _reporter(progress: Callable[[int], None]) -> Callable[[int, float], None]:
     begun, losses = monotonic(), list[float]()
 
     def report(step: int, loss: float) -> None:
         progress(step)
         losses.append(loss)
-        every.append(loss)
         if step % _STEPS_A_LINE == 0:
             say(f"step {step}: loss {sum(losses) / len(losses):.3f}, {monotonic() - begun:.0f} s")
             losses.clear()

@@ -10,13 +10,14 @@ from typing import Literal
 import numpy as np
 
 from fbench.pipelines.models.measured_logs import measure_log
-from fbench.pipelines.models.samples import make_ahead
+from fbench.pipelines.models.samples import gather, make_ahead
 from fbench.pipelines.models.settings import LoopSettings
 from fbench.pipelines.sensors.bev.decoding import CLASSES
 from fbench.pipelines.sensors.bev.grid import REACH_M, SLICES_M, BevPoints
 from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import Rig
@@ -56,17 +57,25 @@ class BevSample:
     class_id: Int64  # (G,) index in `CLASSES`; -1 of what is neither to be found nor a mistake
 
 
-def bev_samples(logs: Sequence[Path], threads: int = 1) -> list[BevSample]:
-    """Read all frames of logs that have 3D truth. Raises LogError where there are none, or nothing is to be found."""
+def bev_samples(logs: Sequence[Path], threads: int, faults: FaultLog) -> list[BevSample]:
+    """Read all frames of logs that have 3D truth; what is wrong with their data is counted in `faults`. Raises LogError
+    where there are none, or nothing is to be found, such as where no box holds points.
+    """
     with ThreadPoolExecutor(threads, "fbench-logs") as pool:
-        found = [sample for part in pool.map(_read_log, logs) for sample in part]
+        found = gather(pool.map(_read_log, logs), faults)
     if not any((sample.class_id >= 0).any() for sample in found):
         raise LogError(f"no frame with 3D truth labeled {', '.join(CLASSES)} in these logs: nothing to learn from")
+    least = BevSettings.least_points
+    if not any((judge_boxes(one.points, one.boxes, one.class_id, least).class_id >= 0).any() for one in found):
+        raise LogError(
+            "no 3D truth in these logs holds points or echoes: nothing to learn from; is the calibration right?"
+        )
     return found
 
 
-def _read_log(path: Path) -> list[BevSample]:
-    log = measure_log(path)
+def _read_log(path: Path) -> tuple[list[BevSample], StagedFaults]:
+    faults = StagedFaults()
+    log = measure_log(path, faults)
     rig, info = log.rig, log.info
     truths = [(index, truth) for index, truth in log.truths if truth.boxes3d is not None]
     centers = [t.boxes3d.center_m for _, t in truths if t.boxes3d is not None]
@@ -91,7 +100,7 @@ def _read_log(path: Path) -> list[BevSample]:
             rows = [part[_in_view(rig, cameras, part[:, :3], 0.0)] for part in (points.lidar, points.radar)]
             points = BevPoints(*rows)
         found.append(BevSample(name, _crop(points), eye.astype(np.float32), boxes[near], ids[near]))
-    return found
+    return found, faults
 
 
 def _in_view(rig: Rig, cameras: Sequence[str], xyz: Float64 | Float32, margin: float) -> Bool:

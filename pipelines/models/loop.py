@@ -16,7 +16,7 @@ from torch.optim.swa_utils import get_ema_multi_avg_fn
 from fbench.pipelines.models.settings import LoopSettings
 from fbench.replay.contracts.errors import ConfigError
 
-_STATE = {"made_from", "step", "network", "averaged", "optimizer"}
+_STATE = {"made_from", "step", "losses", "network", "averaged", "optimizer"}
 Report = Callable[[int, float], None]  # Called with the number of steps done and the latest loss
 
 
@@ -58,6 +58,7 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
         ]
         self._optimizer = torch.optim.AdamW(groups, lr=self.settings.learning_rate)
         self.step = 0
+        self.losses: list[float] = []  # Of all steps, those before an interruption included
 
     @abstractmethod
     def make_network(self) -> Network:
@@ -78,6 +79,7 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
         for batch in self.batches(self.step, self.settings.steps):
             value = self._learn(batch)
             self.step += 1
+            self.losses.append(value)
             report(self.step, value)
             if self.step % self.settings.checkpoint_every == 0 or self.step == self.settings.steps:
                 self._save(checkpoint)
@@ -99,8 +101,9 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
     def _save(self, checkpoint: Path) -> None:
         part = checkpoint.with_suffix(".part")
         state = {
-            "made_from": self._identity(), "step": self.step, "network": self.network.state_dict(),
-            "averaged": self.averaged.state_dict(), "optimizer": self._optimizer.state_dict(),
+            "made_from": self._identity(), "step": self.step, "losses": self.losses,
+            "network": self.network.state_dict(), "averaged": self.averaged.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
         }  # fmt: skip
         torch.save(state, part)
         part.replace(checkpoint)
@@ -112,7 +115,7 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
         self.network.load_state_dict(state["network"])
         self.averaged.load_state_dict(state["averaged"])
         self._optimizer.load_state_dict(state["optimizer"])
-        self.step = int(state["step"])
+        self.step, self.losses = int(state["step"]), [float(value) for value in state["losses"]]
 
     def _identity(self) -> dict[str, str]:
         return {"settings": repr(self.settings), "samples": " ".join(sample.name for sample in self.samples)}

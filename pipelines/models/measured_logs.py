@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from fbench.pipelines.models.samples import Sample, make_sample, require_objects
+from fbench.pipelines.models.samples import Sample, can_decode, gather, make_sample, require_objects
 from fbench.pipelines.sensors.bev.grid import BevPoints
 from fbench.pipelines.sensors.bev.stage import BevInput, BevMeasurement
 from fbench.pipelines.sensors.camera.channels import project_points
@@ -13,7 +13,7 @@ from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.pipelines.variants.learned3d import Learned3DParams
-from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.frames import Frame
@@ -36,10 +36,9 @@ class MeasuredLog:
     truths: Sequence[tuple[int, Truth]]
 
 
-def measure_log(path: Path) -> MeasuredLog:
-    """Read a log. Raises LogError where it has no LiDAR or radar."""
+def measure_log(path: Path, faults: FaultLog) -> MeasuredLog:
+    """Read a log; what is wrong with its data is counted. Raises LogError where it has no LiDAR or radar."""
     source = log_source(LogRequest(path))
-    faults = FaultLog()
     reader = source.open(faults)
     sync = source.sync_params(None, None, None, None)
     stream = FrameStream(reader, sync, source.stamps(None, ()), Excerpt(), Clock(), faults)
@@ -54,23 +53,25 @@ def measure_log(path: Path) -> MeasuredLog:
     return MeasuredLog(rig, info, frames, points, [(i, t) for i, t in stream.labels(reader) if i in frames])
 
 
-def rgbd_samples(logs: Sequence[Path], threads: int = 1) -> list[Sample]:
-    """Read all images of logs with the points that their cameras would see, where there is 2D truth. Raises LogError
-    where there are none, nothing is to be found, or a log has no LiDAR or radar.
+def rgbd_samples(logs: Sequence[Path], threads: int, faults: FaultLog) -> list[Sample]:
+    """Read all images of logs with the points that their cameras would see, where there is 2D truth; corrupt ones, and
+    what else is wrong with the data, are counted in `faults`. Raises LogError where there are none, nothing is to be
+    found, or a log has no LiDAR or radar.
     """
     with ThreadPoolExecutor(threads, "fbench-logs") as pool:
-        return require_objects([sample for part in pool.map(_pair_images, logs) for sample in part])
+        return require_objects(gather(pool.map(_pair_images, logs), faults))
 
 
-def _pair_images(path: Path) -> list[Sample]:
-    log, found = measure_log(path), []
+def _pair_images(path: Path) -> tuple[list[Sample], StagedFaults]:
+    faults = StagedFaults()
+    log, found = measure_log(path, faults), []
     truths = [(index, truth.boxes2d) for index, truth in log.truths if truth.boxes2d is not None]
     labeled = sorted({str(camera) for _, boxes in truths for camera in boxes.camera})
     for index, boxes in truths:
         seen, _, plane = log.points[index]
         for camera in labeled:
             image = log.frames[index].messages.get(camera)
-            if isinstance(image, Image):
+            if isinstance(image, Image) and can_decode(image, path, faults):
                 name = f"{log.info.name} {log.info.log_id} {camera} {image.stamp_ns}"
                 found.append(make_sample(name, image, boxes, project_points(log.rig, camera, seen, plane)))
-    return found
+    return found, faults

@@ -17,6 +17,7 @@ from fbench.pipelines.models.loop import Loop
 from fbench.pipelines.models.measured_logs import rgbd_samples
 from fbench.pipelines.models.samples import RgbdSettings, TrainingSettings, samples
 from fbench.pipelines.models.train import Training
+from fbench.replay.contracts.faults import FaultLog
 
 ModelName = Literal["camera", "rgbd", "learned3d"]
 _CURVE_STEPS = 100  # One mean of the loss for so many steps
@@ -39,8 +40,7 @@ class Recipe:
     """One training, ready to run. Raises LogError where the logs teach nothing."""
 
     request: TrainRequest
-    losses: list[float] = field(default_factory=list)
-    """Of all steps that ran here."""
+    faults: FaultLog = field(default_factory=FaultLog)  # What is wrong with the logs
 
     def __post_init__(self) -> None:
         request = self.request
@@ -48,14 +48,15 @@ class Recipe:
         if request.device == "cuda":  # the same weights each time on one kind of card
             os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
             torch.use_deterministic_algorithms(True)
-        logs, threads = request.logs, request.threads
+        device, threads = request.device, request.threads
+        logs = request.logs, threads, self.faults
         self.loop: Loop[Any, Any, Any, Any]
         if request.model == "camera":
-            self.loop = Training(samples(logs), self._change(TrainingSettings()), request.device, threads)
+            self.loop = Training(samples(request.logs, self.faults), self._change(TrainingSettings()), device, threads)
         elif request.model == "rgbd":
-            self.loop = Training(rgbd_samples(logs, threads), self._change(RgbdSettings()), request.device, threads)
+            self.loop = Training(rgbd_samples(*logs), self._change(RgbdSettings()), device, threads)
         else:
-            self.loop = BevTraining(bev_samples(logs, threads), self._change(BevSettings()), request.device, threads)
+            self.loop = BevTraining(bev_samples(*logs), self._change(BevSettings()), device, threads)
 
     def _change(self, settings: Any) -> Any:
         asked = {"seed": self.request.seed, "steps": self.request.steps}
@@ -63,18 +64,18 @@ class Recipe:
 
     def finish(self, trained: Any, out: Path) -> Path:
         """Write the network, and beside it a card of what it was made from; return the card's path."""
-        logs = [path.name for path in self.request.logs]
+        logs, losses = [path.name for path in self.request.logs], self.loop.losses
         card = {
             "model": self.request.model, "seed": self.loop.settings.seed, "steps": self.loop.settings.steps,
             "samples": len(self.loop.samples), "logs": len(logs), "device": self.request.device,
-            "torch": torch.__version__,
+            "threads": self.request.threads, "torch": torch.__version__,
         }  # fmt: skip
         export = bev_network.export if self.request.model == "learned3d" else network.export
         export(trained, out, {name: str(value) for name, value in card.items()})
         means = [
             round(sum(part) / len(part), 4)
-            for at in range(0, len(self.losses), _CURVE_STEPS)
-            if (part := self.losses[at : at + _CURVE_STEPS])
+            for at in range(0, len(losses), _CURVE_STEPS)
+            if (part := losses[at : at + _CURVE_STEPS])
         ]
         digest = sha256(out.read_bytes()).hexdigest()
         more = {"settings": asdict(self.loop.settings), "logs": logs, "loss_every_100_steps": means, "sha256": digest}

@@ -1,7 +1,7 @@
 """Images and truth of a training, and the inputs of each step: a function of the settings and the step alone."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -16,12 +16,12 @@ from fbench.pipelines.sensors.camera.channels import NO_POINTS, ImagePoints, dra
 from fbench.pipelines.sensors.camera.layouts import PAD_VALUE
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image
-from fbench.replay.logs.open import open_log
+from fbench.replay.setup.source import LogRequest, log_source
 
 CLASSES = ("car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestrian")
 """Labels that the detector tells apart, in the order of its outputs."""
@@ -69,13 +69,33 @@ class Sample:
         return self.class_id < 0
 
 
-def samples(logs: Sequence[Path]) -> list[Sample]:
+def samples(logs: Sequence[Path], faults: FaultLog) -> list[Sample]:
     """Read all images of logs that have 2D truth at their stamps; JPEG stays encoded.
 
-    Cameras in which a log has no truth at all are left out: nobody labeled them. Raises LogError where there are none,
-    or nothing in them is to be found.
+    Cameras in which a log has no truth at all are left out: nobody labeled them. Corrupt images, and what else is wrong
+    with the data, are counted in `faults`. Raises LogError where there are none, or nothing in them is to be found.
     """
-    return require_objects([sample for path in logs for sample in _of_log(path)])
+    return require_objects(gather(map(_of_log, logs), faults))
+
+
+Made = TypeVar("Made")
+
+
+def gather(parts: Iterable[tuple[Sequence[Made], StagedFaults]], faults: FaultLog) -> list[Made]:
+    """Join the samples of logs, and count what was wrong with each."""
+    found: list[Made] = []
+    for part, own in parts:
+        found += part
+        own.pass_to(faults)
+    return found
+
+
+def can_decode(image: Image, path: Path, faults: FaultLog) -> bool:
+    """Tell whether an image of a log can be decoded; one that can't be is counted."""
+    if decode(image) is None:
+        faults.add("DEC002", f"{path.name}: {image.sensor} at stamp {image.stamp_ns}")
+        return False
+    return True
 
 
 def require_objects(found: list[Sample]) -> list[Sample]:
@@ -87,14 +107,18 @@ def require_objects(found: list[Sample]) -> list[Sample]:
     return found
 
 
-def _of_log(path: Path) -> Iterator[Sample]:
-    log = open_log(path, FaultLog())
+def _of_log(path: Path) -> tuple[list[Sample], StagedFaults]:
+    faults, found = StagedFaults(), list[Sample]()
+    log = log_source(LogRequest(path)).open(faults)
     truths = {truth.stamp_ns: truth.boxes2d for truth in log.truths() if truth.boxes2d is not None}
     labeled = {str(camera) for boxes in truths.values() for camera in boxes.camera}
     for message in log.messages():
-        if isinstance(message, Image) and message.sensor in labeled and message.stamp_ns in truths:
+        if not (isinstance(message, Image) and message.sensor in labeled and message.stamp_ns in truths):
+            continue
+        if can_decode(message, path, faults):
             name = f"{log.info.name} {log.info.log_id} {message.sensor} {message.stamp_ns}"
-            yield make_sample(name, message, truths[message.stamp_ns], NO_POINTS)
+            found.append(make_sample(name, message, truths[message.stamp_ns], NO_POINTS))
+    return found, faults
 
 
 def make_sample(name: str, image: Image, truth: Boxes2D, points: ImagePoints) -> Sample:
@@ -228,9 +252,6 @@ def add_channels(view: View, settings: RgbdSettings, draw: np.random.Generator) 
     size = (pixels.shape[1], pixels.shape[0])
     drawn = draw_channels(ImagePoints(lidar, radar, view.points.focal_px), size)
     return View(np.concatenate([pixels, drawn], axis=2), view.xyxy, view.class_id)
-
-
-Made = TypeVar("Made")
 
 
 def make_ahead(

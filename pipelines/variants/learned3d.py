@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
 from fbench.pipelines.sensors.bev.stage import KINDS, BevStage, BevView
 from fbench.pipelines.sensors.lidar.stage import LidarParams
@@ -14,7 +12,7 @@ from fbench.pipelines.tracking.trackers import Tracker3D
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.contracts.settings import describe_file
-from fbench.replay.data.boxes import Boxes3D, Source
+from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
@@ -33,9 +31,6 @@ class Learned3DParams(CheckedParams):
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one sensor, by its name: `--set top.min_range_m=1` goes before `lidar.min_range_m`; see `late3d`."""
-
-
-_SOURCES = {"both": Source.L | Source.R, "lidar": Source.L, "radar": Source.R}
 
 
 class Learned3D(TrackingPipeline[Boxes3D]):
@@ -62,6 +57,4 @@ class Learned3D(TrackingPipeline[Boxes3D]):
         return self._stage.view(frame, clock)
 
     def _combine(self, seen: BevView, clock: StageClock) -> Detected[Boxes3D]:
-        boxes = self._stage.detect(seen, clock)
-        sources = np.full(len(boxes), int(_SOURCES[self._params.network.sensors]), np.uint8)
-        return Detected(Boxes3D(**{**boxes.arrays(), "sources": sources}))
+        return Detected(self._stage.detect(seen, clock))

@@ -21,6 +21,7 @@ from fbench.replay.logs.setup import Setup
 T = TypeVar("T")
 _IDS = 2**32  # Channel `c` of part `p` gets the id `p * _IDS + c`
 _METADATA = "metadata.yaml"  # Of rosbag2
+_SUFFIXES = (".mcap", ".parquet", ".bag")  # Of logs in a folder
 _MAX_NS = 2**63 - 1
 
 
@@ -87,6 +88,17 @@ def open_container(path: Path, faults: FaultLog) -> Container:
     if path.is_dir() or path.name == _METADATA:
         return _folder(_named(path if path.is_dir() else path.parent), faults)
     return _file(path, faults)
+
+
+def find_logs(place: Path) -> list[Path]:
+    """Return a log itself, or the logs in a folder, sorted by name."""
+    if place.is_file() or _is_log_folder(place):
+        return [place]
+    return sorted(path for path in place.iterdir() if path.suffix in _SUFFIXES or _is_log_folder(path))
+
+
+def _is_log_folder(path: Path) -> bool:
+    return any((path / name).is_file() for name in (LOG_JSON, _METADATA))  # Parquet; rosbag2
 
 
 def _named(folder: Path) -> Path:

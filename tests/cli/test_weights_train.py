@@ -1,6 +1,7 @@
 """`fbench weights train`, and what it says where it can't."""
 
 import importlib.util
+import json
 
 import pytest
 from tests.city_log import write_city_log
@@ -26,13 +27,24 @@ def test_without_torch_it_says_what_to_install(fbench, tmp_path):
         (".", "a.pt", (), "expected a name that ends in .onnx"),
         (".", "/dev/null/a.onnx", (), "can't be written (Not a directory"),
         (".", "a.onnx", ("--device", "cuda"), "no CUDA device"),
+        (".", "a.onnx", ("--seed", "9223372036854775808"), "--seed"),
     ],
 )
 def test_what_cant_be_done_is_said(fbench, tmp_path, folder, out, options, said):
+    if "cuda" in options and importlib.import_module("torch").cuda.is_available():
+        pytest.skip("there is a CUDA device")
     result = fbench("weights", "train", str(tmp_path / folder), "-o", str(tmp_path / out), *options)
     assert result.code == 2
     assert said in result.err
     assert list(tmp_path.iterdir()) == []
+
+
+@with_torch
+def test_a_folder_in_the_place_of_the_file_is_refused_before_training(fbench, tmp_path):
+    (tmp_path / "a.onnx").mkdir()
+    result = fbench("weights", "train", str(tmp_path), "-o", str(tmp_path / "a.onnx"))
+    assert result.code == 2
+    assert "a.onnx: is a folder" in result.err
 
 
 @with_torch
@@ -50,8 +62,9 @@ def test_a_trained_file_is_a_detector(fbench, tmp_path):
     log.parent.mkdir()
     assert fbench("log", "simulate", "urban", "--seconds", "0.2", "--sensors", "camera", "-o", str(log)).code == 0
     out = tmp_path / "a.onnx"
-    result = fbench("weights", "train", str(log.parent), "-o", str(out), "--steps", "2", "--threads", "1")
+    result = fbench("weights", "train", str(log), "-o", str(out), "--steps", "2", "--threads", "1")
     assert result.code == 0, result.err
+    assert json.loads((tmp_path / "a.json").read_text())["threads"] == 1
     assert f"weights: {out}" in result.out.replace("\n", "")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.onnx", "logs"]
     replayed = fbench("replay", str(log), "-p", "camera2d", "--set", f"camera.weights={out}", "-o", str(tmp_path / "r"))

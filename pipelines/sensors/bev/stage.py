@@ -1,6 +1,6 @@
 """Detection by the bird's-eye network in the points of all LiDARs and radars; timed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from fbench.pipelines.sensors.radar.stage import Compensated, RadarParams, Radar
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import Kind, LogInfo, Rig
 
@@ -128,4 +128,6 @@ class BevStage:
     def _detect(self, seen: BevMeasurement, clock: StageClock) -> Boxes3D:
         points, plane = self._input.prepare(seen, clock)
         with clock.stage("detect.network"):
-            return self._detector.detect(points, plane, self._min_score)
+            boxes = self._detector.detect(points, plane, self._min_score)
+        sources = int(Source.L) * (seen.xyz is not None) | int(Source.R) * (seen.echoes is not None)
+        return replace(boxes, sources=np.full(len(boxes), sources, np.uint8))

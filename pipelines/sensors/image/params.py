@@ -124,9 +124,13 @@ def resolve_min_echoes(asked: int | None, log_info: LogInfo) -> int:
 def resolve_grouping(
     lidar: LidarParams, image: LidarImageParams, log_info: LogInfo
 ) -> tuple[LidarParams, LidarImageParams]:
-    """Return parameters that say where the points of this log are grouped, and keep those that are needed there."""
+    """Return parameters that say where the points of this log are grouped, and keep those that are needed there. Raises
+    ConfigError where a network would detect in space, but points are grouped in the image.
+    """
     where = image.grouping or ("image" if SIMULATED in log_info.metadata else "space")
     if where == "image":
+        if lidar.detector == "learned":
+            raise ConfigError("lidar.detector=learned: detects in space; it needs lidar_image.grouping=space")
         lidar = replace(lidar, cluster=replace(lidar.cluster, max_height_m=image.max_height_m))
     return lidar, replace(image, grouping=where)
 

@@ -5,11 +5,17 @@ torch = pytest.importorskip("torch", reason="torch is an extra")
 pytest.importorskip("onnx", reason="onnx is an extra")
 
 from fbench.pipelines.models.bev_network import BevNetwork, export  # noqa: E402
-from fbench.pipelines.models.bev_samples import BevSample, BevSettings, count_inside, view  # noqa: E402
+from fbench.pipelines.models.bev_samples import BevSample, BevSettings, bev_samples, count_inside, view  # noqa: E402
 from fbench.pipelines.models.bev_train import BevTraining  # noqa: E402
 from fbench.pipelines.sensors.bev.grid import NUM_CHANNELS, SIDE, BevPoints  # noqa: E402
 from fbench.pipelines.sensors.camera.model import load  # noqa: E402
 from fbench.replay.conditions.generators import generator  # noqa: E402
+from fbench.replay.contracts.errors import LogError  # noqa: E402
+from fbench.replay.contracts.faults import FaultLog  # noqa: E402
+from fbench.replay.data.boxes import Boxes3D  # noqa: E402
+from fbench.replay.data.messages import PointCloud, Truth  # noqa: E402
+from fbench.replay.data.rig import LogInfo, Mount, Rig  # noqa: E402
+from fbench.replay.logs.containers.mcap.write import McapWriter  # noqa: E402
 
 pytestmark = pytest.mark.torch
 
@@ -49,6 +55,22 @@ def test_what_nothing_is_seen_of_need_not_be_found(made):
     shown = view(empty, settings, generator(1, "view", 0, 0))
     assert len(shown.points.radar) == 0
     assert shown.class_id.tolist() == [-1], "two points, and no echoes"
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 40.0])
+def test_truth_without_points_teaches_nothing(made, tmp_path, aside_m):
+    mount = Mount("lidar", np.array([0, 0, 0.0]), np.array([0, 0, 0, 1.0]))
+    box = Boxes3D(
+        np.array([[10.0, 5.0 + aside_m, 0.8]]), np.array([[4.4, 1.8, 1.6]]), np.array([0.4]), label=np.array(["car"])
+    )
+    with McapWriter(tmp_path / "a.mcap", LogInfo("made", log_id="made-1"), Rig({"lidar": mount}, {})) as log:
+        log.write(PointCloud("lidar", 100, 100, made[0].points.lidar))
+        log.write(Truth(100, 100, boxes3d=box))
+    if not aside_m:
+        assert len(bev_samples([tmp_path / "a.mcap"], 1, FaultLog())) == 1
+        return
+    with pytest.raises(LogError, match="no 3D truth in these logs holds points"):
+        bev_samples([tmp_path / "a.mcap"], 1, FaultLog())
 
 
 @pytest.mark.slow

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fbench.pipelines.models.samples import CLASSES, samples
-from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, Truth
@@ -39,7 +40,7 @@ def boxes() -> Boxes2D:
 
 
 def test_images_come_with_the_boxes_of_their_camera(tmp_path):
-    first, second, *rest = samples([write(tmp_path / "a.mcap", (100, 200))])
+    first, second, *rest = samples([write(tmp_path / "a.mcap", (100, 200))], FaultLog())
     assert len(rest) == 2
     assert (first.image.sensor, second.image.sensor) == ("front", "rear")
     assert first.class_id.tolist() == [CLASSES.index("bus"), -1, -1], "ignored, and a class that isn't learned"
@@ -49,24 +50,49 @@ def test_images_come_with_the_boxes_of_their_camera(tmp_path):
 
 
 def test_images_without_truth_teach_nothing(tmp_path):
-    found = samples([write(tmp_path / "a.mcap", (200,))])
+    found = samples([write(tmp_path / "a.mcap", (200,))], FaultLog())
     assert [sample.image.stamp_ns for sample in found] == [200, 200]
 
 
 def test_logs_without_any_are_refused(tmp_path):
     with pytest.raises(LogError, match="nothing to learn from"):
-        samples([write(tmp_path / "a.mcap", ())])
+        samples([write(tmp_path / "a.mcap", ())], FaultLog())
+
+
+def test_corrupt_images_are_left_out_and_counted(tmp_path):
+    whole = encode_jpeg(np.zeros((48, 64, 3), np.uint8))
+    with McapWriter(tmp_path / "a.mcap", LogInfo("made", log_id="made-1"), RIG) as log:
+        for stamp_ns, data in ((100, whole), (200, whole[:30])):
+            log.write(Image("front", stamp_ns, stamp_ns, data, "jpeg", (64, 48)))
+            log.write(Truth(stamp_ns, stamp_ns, boxes2d=boxes()))
+    faults = FaultLog()
+    found = samples([tmp_path / "a.mcap"], faults)
+    assert [sample.image.stamp_ns for sample in found] == [100]
+    assert faults.places == {"DEC002": ["a.mcap: front at stamp 200"]}
+
+
+def test_what_is_wrong_with_a_log_is_counted(tmp_path):
+    path, faults = write(tmp_path / "a.mcap", (100, 200)), FaultLog()
+    path.write_bytes(path.read_bytes()[:-40])
+    samples([path], faults)
+    assert faults.counts["LOG002"] == 1
+
+
+def test_a_configuration_beside_the_log_counts(tmp_path):
+    (tmp_path / "fbench.toml").write_text('version = 1\n[truth]\nfile = "none.json"\n')
+    with pytest.raises(ConfigError, match=r"'none\.json': no such file"):
+        samples([write(tmp_path / "a.mcap", (100,))], FaultLog())
 
 
 def test_a_camera_that_nobody_labeled_is_no_background(tmp_path):
-    found = samples([write(tmp_path / "a.mcap", (100, 200), slice(0, 1))])
+    found = samples([write(tmp_path / "a.mcap", (100, 200), slice(0, 1))], FaultLog())
     assert [(sample.image.sensor, sample.image.stamp_ns) for sample in found] == [("front", 100), ("front", 200)]
 
 
 def test_logs_with_nothing_to_be_found_are_refused(tmp_path):
     with pytest.raises(LogError, match="no box in these logs has one of the labels car, van"):
-        samples([write(tmp_path / "a.mcap", (100,), slice(2, 4))])
+        samples([write(tmp_path / "a.mcap", (100,), slice(2, 4))], FaultLog())
 
 
 def test_a_log_made_anew_is_another_one(tmp_path):
-    assert samples([write(tmp_path / "a.mcap", (100,))])[0].name == "a made-1 front 100"
+    assert samples([write(tmp_path / "a.mcap", (100,))], FaultLog())[0].name == "a made-1 front 100"

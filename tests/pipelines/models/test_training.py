@@ -48,8 +48,8 @@ def made() -> list[Sample]:
 
 
 def test_it_goes_on_from_a_checkpoint_as_if_nothing_had_been(made, tmp_path):
-    whole = Training(made, SHORT).run(tmp_path / "whole.pt", quiet)
-    first = Training(made, SHORT)
+    once, first, second = (Training(made, SHORT) for _ in range(3))
+    whole = once.run(tmp_path / "whole.pt", quiet)
 
     def stop(step: int, loss: float) -> None:
         if step == 7:
@@ -58,10 +58,12 @@ def test_it_goes_on_from_a_checkpoint_as_if_nothing_had_been(made, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         first.run(tmp_path / "cut.pt", stop)
     steps = []
-    again = Training(made, SHORT).run(tmp_path / "cut.pt", lambda step, loss: steps.append(step))
+    again = second.run(tmp_path / "cut.pt", lambda step, loss: steps.append(step))
     assert steps == list(range(6, 13)), "the last checkpoint was after five"
     for (name, a), b in zip(whole.state_dict().items(), again.state_dict().values(), strict=True):
         assert torch.equal(a, b), name
+    assert second.losses == once.losses, "the curve is whole"
+    assert len(second.losses) == 12
 
 
 @pytest.mark.parametrize("damage", ["cut", "text", "other"])

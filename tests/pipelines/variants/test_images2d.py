@@ -12,6 +12,7 @@ from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, ri
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
+from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.variants.early import Early2D, Early2DParams
 from fbench.pipelines.variants.late import Late2D, Late2DParams
 from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams
@@ -205,3 +206,11 @@ def test_what_remembers_is_forgotten_where_a_segment_begins(
     monkeypatch.setattr(fusion._fusion._reliability, "reset", lambda: calls.append("reset"))
     fusion.reset("segment 1 begins")
     assert calls == ["reset"]
+
+
+def test_a_network_that_detects_in_space_needs_grouping_there():
+    lidar = LidarParams(detector="learned")
+    with pytest.raises(ConfigError, match=r"lidar\.detector=learned: .* lidar_image\.grouping=space"):
+        Lidar2D(Lidar2DParams(lidar=lidar)).start(rig(*ALL), SIMULATED_LOG)
+    Lidar2D(Lidar2DParams(lidar=lidar)).start(rig(*ALL), LOG)
+    Lidar2D(Lidar2DParams(lidar=lidar, lidar_image=LidarImageParams(grouping="space"))).start(rig(*ALL), SIMULATED_LOG)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import cloud, frame, rig, scan
 
 from fbench.datasets.city.rig import thesis_rig
 from fbench.pipelines.fusion.early.cloud import DepthStage
@@ -14,7 +15,7 @@ from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, ras
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.variants.learned3d import Learned3DParams
+from fbench.pipelines.variants.learned3d import Learned3D, Learned3DParams
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -110,6 +111,16 @@ def test_the_network_takes_the_place_of_clusters():
     assert (np.diff(view.cluster) >= 0).all()
     with pytest.raises(ConfigError, match="detector=learned: early fusion"):
         DepthStage(rig, LogInfo("log", "id"), params, settings, None)
+
+
+@pytest.mark.parametrize(("names", "given", "sources"), [("lidar", "lidar", 2), ("lidar radar", "lidar", 2),
+                                                        ("lidar radar", "lidar radar", 6)])  # fmt: skip
+def test_sources_are_the_sensors_that_delivered(names, given, sources):
+    pipeline = Learned3D(Learned3DParams(network=BevParams(min_score=0.01, threads=1)))
+    pipeline.start(rig(*names.split()), LogInfo("log", "id"))
+    messages = [message for message in (cloud(), scan()) if message.sensor in given.split()]
+    found = pipeline.step(frame(0, *messages)).detections
+    assert set(found.sources.tolist()) == {sources}
 
 
 def test_what_isnt_such_a_network_is_refused(tmp_path):
