@@ -152,6 +152,7 @@ def replay(
                 processes = Overlap(request.pipeline, options.settings, request.overlap)
                 plan = replace(plan, overlap=opened.enter_context(processes))
         with _open_reader(request, options, faults, shared) as reader:
+            _ = reader.info.outline  # Scores need it: a wrong one must not cost a whole replay
             log = public_name(reader.info) if request.redact else reader.info.name
             under = "".join(f"-{part}" for part in options.disturbance.parts)
             under = re.sub(r"[^\w.]+", "-", under).rstrip("-")

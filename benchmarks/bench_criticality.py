@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from common import best_by_turns_s
 
-from fbench.metrics.criticality.conflict import find_conflicts, read_outline
+from fbench.metrics.criticality.conflict import find_conflicts
 from fbench.metrics.criticality.metric import Criticality, find_critical_errors
 from fbench.metrics.criticality.motion import find_ego_motion, move_ego, move_objects
 from fbench.metrics.events.metric import Events
@@ -20,6 +20,7 @@ from fbench.metrics.runs.spaces import ground_view
 from fbench.metrics.runs.tracking import Tracking
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Truth
+from fbench.replay.data.metadata import outline_of
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.runs.folder import FrameRecord, RunWriter
 from fbench.replay.runs.manifest import FrameEntry, LogEntry, Manifest
@@ -80,7 +81,7 @@ def main() -> None:
             for objects in (truth.truth, truth.estimates):
                 assert objects.size_lwh_m is not None
                 bodies = move_objects(objects, truth.steps, frames)
-                find_conflicts(ego[objects.step], read_outline({}), bodies, objects.size_lwh_m[:, :2])
+                find_conflicts(ego[objects.step], outline_of({}), bodies, objects.size_lwh_m[:, :2])
 
         errors = find_critical_errors(first, options)  # compiles
         times = best_by_turns_s(

@@ -1,15 +1,13 @@
 """Conflicts of the ego with road users: time to collision, and the braking or steering that avoids it."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.metrics.criticality.motion import Motion
-from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Rows
-from fbench.replay.data.metadata import CAMERA0, SIMULATED
+from fbench.replay.data.metadata import Outline
 
 HORIZON_S = 5.0  # Motion isn't predicted any further
 _STEPS = 50  # Into which it is cut; within one the moment of contact is found by halving
@@ -19,37 +17,6 @@ CRITICAL_MPS2 = 3.0  # ... or from this deceleration on, which passengers feel a
 FULL_MPS2 = 8.0  # A car can hardly brake harder on dry asphalt: from here on a conflict has the full weight
 MOST_MPS2 = 12.0  # Decelerations and lateral accelerations are limited to this: no tire gives more
 _HALVINGS = 30
-
-
-@dataclass(frozen=True)
-class Outline:
-    """How far the ego reaches from the body's origin [m]."""
-
-    front_m: float
-    rear_m: float
-    side_m: float
-
-
-_SIMULATED = Outline(2.25, 2.25, 0.9)  # The city's ego: the origin is in the middle of 4.3 to 4.7 m
-_KITTI = Outline(2.6, 2.1, 0.9)  # A VW Passat around camera 0, by KITTI's drawing of its sensors
-_REAR_AXLE = Outline(3.7, 1.0, 0.9)  # Elsewhere: a car around its rear axle, as nuScenes, Waymo and Argoverse 2 have it
-
-
-def read_outline(metadata: Mapping[str, str]) -> Outline:
-    """Return the ego's outline by a log's metadata: `ego.front_m`, `ego.rear_m`, `ego.side_m`; what they don't say is
-    that of a usual car. Raises LogError where one of them isn't a number above 0.
-    """
-    usual = _SIMULATED if SIMULATED in metadata else _KITTI if CAMERA0 in metadata else _REAR_AXLE
-    found = {}
-    for field in fields(Outline):
-        text = metadata.get(f"ego.{field.name}")
-        try:
-            found[field.name] = getattr(usual, field.name) if text is None else float(text)
-        except ValueError:
-            found[field.name] = 0.0
-        if not 0 < found[field.name] < 100:
-            raise LogError(f"the log's metadata 'ego.{field.name}' is '{text}': expected a length in meters above 0")
-    return Outline(**found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from fbench.metrics.core.slices import VEHICLE, Group, ScoreCounts, ScoreKey, find_labels, ground_range, label_group
-from fbench.metrics.criticality.conflict import Conflicts, find_conflicts, read_outline
+from fbench.metrics.criticality.conflict import Conflicts, find_conflicts
 from fbench.metrics.criticality.motion import find_ego_motion, move_ego, move_objects
 from fbench.metrics.criticality.scores import (
     OF_DETECTIONS,
@@ -34,6 +34,7 @@ from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import LABELS, VEHICLES, Boxes3D
 from fbench.replay.data.criticality import CriticalError, Side
+from fbench.replay.data.metadata import outline_of
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.data.sequences import Objects, Sequence
 from fbench.replay.runs.folder import Run
@@ -167,7 +168,7 @@ class _Predicted:
 
 def _predict(run: Run, options: ScoreOptions, side: Side, sequence: Sequence) -> _Predicted:
     def find() -> _Predicted:
-        outline, steps = read_outline(run.manifest.log.metadata), sequence.steps
+        outline, steps = outline_of(run.manifest.log.metadata), sequence.steps
         frames = once(run, "ego motion", lambda: find_ego_motion(run))
         ego = move_ego(frames, steps)
 

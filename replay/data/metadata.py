@@ -1,8 +1,8 @@
-"""Metadata of a log that fbench acts on: its keys, and regions where road users are expected."""
+"""Metadata of a log that fbench acts on: its keys, the outline of the vehicle, and regions with road users."""
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -17,6 +17,7 @@ SIMULATED = "simulated"  # Version of the simulation that made the log; real log
 SCENE_ID = "scene_id"
 """Equal texts: the same drive with the same truth, under whatever weather and with whatever sensors."""
 REGIONS = "regions"  # Outlines of roads and sidewalks, see `regions_text`
+EGO = "ego"  # `ego.front_m` and so on: see `Outline`
 MAX_POINTS = 200_000  # Of all outlines of a log
 
 
@@ -52,6 +53,37 @@ def regions_of(metadata: Mapping[str, str]) -> tuple[Region, ...]:
     if sum(len(region.points_m) for region in regions) > MAX_POINTS:
         raise LogError(f"the log's metadata '{REGIONS}' have more than {MAX_POINTS} points")
     return tuple(regions)
+
+
+@dataclass(frozen=True)
+class Outline:
+    """How far the vehicle with the sensors reaches from the body's origin [m]."""
+
+    front_m: float
+    rear_m: float
+    side_m: float
+
+
+_SIMULATED = Outline(2.25, 2.25, 0.9)  # The city's ego: the origin is in the middle of 4.3 to 4.7 m
+_KITTI = Outline(2.6, 2.1, 0.9)  # A VW Passat around camera 0, by KITTI's drawing of its sensors
+_REAR_AXLE = Outline(3.7, 1.0, 0.9)  # Elsewhere: a car around its rear axle, as nuScenes, Waymo and Argoverse 2 have it
+
+
+def outline_of(metadata: Mapping[str, str]) -> Outline:
+    """Return a vehicle's outline by its log: `ego.front_m`, `ego.rear_m`, `ego.side_m`; what they don't say is that of
+    a usual car. Raises LogError where one of them isn't a number above 0.
+    """
+    usual = _SIMULATED if SIMULATED in metadata else _KITTI if CAMERA0 in metadata else _REAR_AXLE
+    found = {}
+    for field in fields(Outline):
+        text = metadata.get(f"{EGO}.{field.name}")
+        try:
+            found[field.name] = getattr(usual, field.name) if text is None else float(text)
+        except ValueError:
+            found[field.name] = 0.0
+        if not 0 < found[field.name] < 100:
+            raise LogError(f"the log's metadata '{EGO}.{field.name}' is '{text}': expected a length in meters above 0")
+    return Outline(**found)
 
 
 def inside(regions: Sequence[Region], xy_m: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fbench.replay.data.arrays import DIGESTED, Float64, freeze_fields
 from fbench.replay.data.boxes import MAX_MAGNITUDE
-from fbench.replay.data.metadata import Region, regions_of
+from fbench.replay.data.metadata import Outline, Region, outline_of, regions_of
 from fbench.replay.geometry.transforms import pose_matrix
 
 Kind: TypeAlias = Literal["camera", "lidar", "radar"]
@@ -137,6 +137,11 @@ class LogInfo:
     def regions(self) -> tuple[Region, ...]:
         """Where road users are expected, in world coordinates. Raises LogError where metadata have another form."""
         return regions_of(self.metadata)
+
+    @property
+    def outline(self) -> Outline:
+        """How far the vehicle reaches. Raises LogError where metadata have no lengths."""
+        return outline_of(self.metadata)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,13 @@
 """User settings applied to the topics and messages of a log."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.contracts.faults import UNREAD
 from fbench.replay.data.messages import Message, RadarScan
+from fbench.replay.data.metadata import EGO, Outline
 from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.codecs.foxglove.topics import RESULTS2D, RESULTS3D
 from fbench.replay.logs.container import Container
@@ -132,8 +133,11 @@ def apply_setup(message: Message, setup: Setup) -> Message:
 
 
 def facts(setup: Setup) -> dict[str, str]:
-    """Return what pipelines must know of sensors, as metadata of the log: `radar.NAME.KEY`."""
-    found: dict[str, str] = {}
+    """Return what pipelines must know of sensors, and scores of the vehicle, as metadata of the log: `radar.NAME.KEY`,
+    `ego.KEY`.
+    """
+    lengths = zip(fields(Outline), setup.outline_m or (), strict=False)
+    found = {f"{EGO}.{field.name}": str(length_m) for field, length_m in lengths}
     for name, sensor in setup.sensors.items():
         if sensor.kind == "radar" and sensor.ego_motion == "removed":
             found[f"radar.{name}.ego_motion"] = sensor.ego_motion

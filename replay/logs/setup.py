@@ -58,6 +58,8 @@ class Setup:
     body: str = ""  # Coordinate frame of the body; empty: as its name tells
     pose: str = ""  # Topic with the poses of the body; empty: as the log says
     world: str = ""  # Coordinate frame in which poses from transforms are wanted; empty: the one above all others
+    outline_m: tuple[float, float, float] | None = None
+    """How far the vehicle reaches from the body's origin to front, rear and side [m]; `None`: as the log says."""
     rig: "RigPatch" = field(default_factory=_make_patch)
     truth_topics: tuple[str, ...] | None = None  # Topics of ground truth; `None`: as their names tell
     result_topics: tuple[str, ...] = ()  # Topics of another system's results

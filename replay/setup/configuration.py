@@ -20,6 +20,7 @@ from fbench.replay.logs.setup import MAX_OFFSET_MS, BoxSource, Doppler, EgoMotio
 NAME = "fbench.toml"
 
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
+Length = Annotated[float, Field(gt=0, lt=100, allow_inf_nan=False)]
 Duration = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 
 
@@ -43,6 +44,8 @@ class BodyTable(_Strict):
     frame: str = ""  # Coordinate frame of the body; empty: as its name tells
     pose: str = ""  # Topic with poses of the body in the world; empty: as the log says
     world: str = ""  # Coordinate frame in which poses from `/tf` are wanted; empty: the one above all others
+    outline_m: Annotated[tuple[Length, Length, Length], Field(strict=False)] | None = None
+    """How far the vehicle reaches from the body's origin to the front, the rear and a side."""
     rig: tuple[Name, ...] = Field(default=(), strict=False, max_length=100)
     """Files with calibration, relative to this one; the first one that names a sensor counts."""
 
@@ -127,6 +130,7 @@ def setup_of(config: Config, path: Path) -> Setup:
         body=config.body.frame,
         pose=config.body.pose,
         world=config.body.world,
+        outline_m=config.body.outline_m,
         rig=patch,
         truth_topics=config.truth.topics,
         result_topics=config.results.topics or (),

@@ -282,3 +282,12 @@ def test_a_needed_sensor_in_hardly_any_frame_is_a_loss_that_a_check_says_first(f
     assert fbench("replay", log, "-p", "lidar3d", "-o", tmp_path / "waits", "--timeout-ms", "399").code == 0
     allowed = fbench("replay", log, "-p", "lidar3d", "-o", tmp_path / "ok", "--fault-budget", "FRM001=1")
     assert allowed.code == 0
+
+
+def test_an_outline_that_is_no_length_is_found_before_anything_is_replayed(fbench, tmp_path, still):
+    log = write_log(tmp_path / "wide.mcap", [*messages(), *truths()], metadata={"ego.front_m": "abc"})
+    fails(fbench("replay", log, "-p", still(), "-o", tmp_path / "run"), 3, "'ego.front_m' is 'abc'", "in meters")
+    assert not (tmp_path / "run").exists()
+    (tmp_path / "fbench.toml").write_text("version = 1\n[body]\noutline_m = [3.9, 1.1, 0.95]\n")
+    assert fbench("replay", log, "-p", still(), "-o", tmp_path / "run").code == 0
+    assert '"ego.front_m": "3.9"' in (tmp_path / "run" / "manifest.json").read_text()

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.metrics.criticality.conflict import Conflicts, Outline, find_conflicts, read_outline
+from fbench.metrics.criticality.conflict import Conflicts, find_conflicts
 from fbench.metrics.criticality.motion import Motion
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.metadata import Outline, outline_of
 
 EGO = Outline(front_m=2.0, rear_m=2.0, side_m=1.0)
 CAR = (4.0, 2.0)
@@ -158,9 +159,9 @@ def distance(ego: Motion, other: Motion, time_s: float) -> float:
 
 
 def test_the_outline_of_the_ego_is_what_the_log_says() -> None:
-    assert read_outline({}) == Outline(3.7, 1.0, 0.9)
-    assert read_outline({"simulated": "3"}) == Outline(2.25, 2.25, 0.9)
-    assert read_outline({"kitti.camera0": "body", "ego.front_m": "3"}) == Outline(3.0, 2.1, 0.9)
+    assert outline_of({}) == Outline(3.7, 1.0, 0.9)
+    assert outline_of({"simulated": "3"}) == Outline(2.25, 2.25, 0.9)
+    assert outline_of({"kitti.camera0": "body", "ego.front_m": "3"}) == Outline(3.0, 2.1, 0.9)
     for wrong in ("wide", "0", "-1", "nan", "inf"):
         with pytest.raises(LogError, match=r"ego\.side_m"):
-            read_outline({"ego.side_m": wrong})
+            outline_of({"ego.side_m": wrong})

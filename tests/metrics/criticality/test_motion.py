@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.metrics.criticality.conflict import Outline, find_conflicts
+from fbench.metrics.criticality.conflict import find_conflicts
 from fbench.metrics.criticality.motion import (
     FIT_S,
     MAX_GAP_S,
@@ -17,6 +17,7 @@ from fbench.metrics.criticality.motion import (
     move_objects,
 )
 from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.metadata import Outline
 from fbench.replay.data.sequences import Objects, Steps
 
 NUM, STEP_NS = 80, 100_000_000

@@ -10,6 +10,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
+from fbench.replay.data.metadata import Outline
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.convert.run import ConvertRequest, convert
@@ -88,6 +89,11 @@ def test_signs_are_turned_and_facts_told(log):
     period = replace(setup(log).sensors["front"], velocity_period_mps=10.4)
     told = open_log(log, FaultLog(), (), Setup(sensors={"front": period})).info.metadata
     assert told["radar.front.velocity_period_mps"] == "10.4"
+
+
+def test_the_outline_of_the_vehicle_is_told(log):
+    info = open_log(log, FaultLog(), (), Setup(outline_m=(3.9, 1.0, 0.95))).info
+    assert info.outline == Outline(3.9, 1.0, 0.95)
 
 
 def test_what_fbench_wrote_about_a_renamed_radar_holds_for_its_new_name(log):

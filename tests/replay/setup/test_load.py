@@ -16,6 +16,7 @@ timeout_ms = 45
 [body]
 frame = "base_link"
 pose = "/odom"
+outline_m = [3.9, 1, 0.95]
 
 [sensors.top]
 topic = "/lidar/points"
@@ -57,7 +58,7 @@ def test_everything_that_is_written_is_understood(tmp_path):
     front = setup.sensors["front"]
     assert (front.kind, front.doppler, front.ego_motion) == ("radar", "approaching", "removed")
     assert (front.velocity_period_mps, front.optional, setup.sensors["top"].optional) == (10.4, True, False)
-    assert (setup.body, setup.pose) == ("base_link", "/odom")
+    assert (setup.body, setup.pose, setup.outline_m) == ("base_link", "/odom", (3.9, 1.0, 0.95))
     assert (setup.truth_topics, setup.result_topics) == (("/labels",), ("/tracks",))
     assert dict(setup.classes) == {"Sedan (parked)": "car", "DontCare": "ignore"}
 
@@ -68,6 +69,7 @@ def test_an_empty_one_says_nothing(tmp_path):
     assert not setup.sensors
     assert setup.truth_topics is None
     assert setup.truth is None
+    assert setup.outline_m is None
 
 
 @pytest.mark.parametrize(
@@ -81,6 +83,10 @@ def test_an_empty_one_says_nothing(tmp_path):
         ("version = 1\n[frames]\ntimeout_ms = -1", r"'frames\.timeout_ms': .*greater than or equal to 0"),
         ("version = 1\n[frames]\ntimeout_ms = nan", r"'frames\.timeout_ms'"),
         ("version = 1\n[frames]\ntimeout_ms = '3'", r"'frames\.timeout_ms': Input should be a valid number"),
+        ("version = 1\n[body]\noutline_m = [3, 1]", r"'body\.outline_m"),
+        ("version = 1\n[body]\noutline_m = [3, 1, 0]", r"'body\.outline_m.*greater than 0"),
+        ("version = 1\n[body]\noutline_m = [3, 1, nan]", r"'body\.outline_m"),
+        ("version = 1\n[body]\noutline_m = 'wide'", r"'body\.outline_m"),
         ("version = 1\n[sensors.a]\ntopic = '/a'", r"'sensors\.a\.kind' is missing"),
         ("version = 1\n[sensors.a]\ntopic = '/a'\nkind = 'ladar'", r"'sensors\.a\.kind': Input should be 'camera'"),
         ("version = 1\n[sensors.a]\ntopic = ''\nkind = 'lidar'", r"'sensors\.a\.topic'"),
