@@ -1,5 +1,6 @@
 """`fbench weights`: detectors for real images."""
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from time import monotonic
@@ -65,6 +66,7 @@ def train(
     steps: Annotated[int | None, Option(min=1, help="Number of training steps; use fewer for a trial.")] = None,
     device: Annotated[Literal["cpu", "cuda"], Option(help="Device on which to train.")] = "cpu",
     threads: Annotated[int, Option(min=1, max=256, help="Number of CPU threads.")] = 2,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing file, and its card.")] = False,
 ) -> None:
     """Train a built-in detector again, or one for your own logs; run it again to continue after an interruption."""
     try:
@@ -76,6 +78,9 @@ def train(
         raise ConfigError(f"{out}: expected a name that ends in .onnx")
     if out.is_dir():
         raise ConfigError(f"{out}: is a folder; name a file for the weights")
+    for path in (out, out.with_suffix(".json")):
+        if path.exists() and not overwrite:
+            raise ConfigError(f"{path}: exists; replace it with --overwrite, or name another file with -o")
     make_parent(out)
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("--device cuda: torch finds no CUDA device here")
@@ -87,8 +92,16 @@ def train(
     say(f"{num}, {format_count(loop.settings.steps, 'step')}, seed {loop.settings.seed}")
     say(*fault_lines([row for row in recipe.faults.rows() if row["behaviour"] == "count"]))
     checkpoint = out.with_suffix(".checkpoint")
-    with message_progress(out.name, loop.settings.steps) as progress:
-        network = loop.run(checkpoint, _reporter(progress))
+    if checkpoint.is_file():
+        loop.resume(checkpoint)
+        say(f"goes on from step {loop.step}")
+    try:
+        with message_progress(out.name, loop.settings.steps) as progress:
+            network = loop.run(checkpoint, _reporter(progress))
+    except KeyboardInterrupt:
+        if checkpoint.is_file():
+            sys.stderr.write("run the same command again to go on from the last checkpoint\n")
+        raise
     card = recipe.finish(network, out)
     checkpoint.unlink()
     say(f"weights: {out}", f"card: {card}")

@@ -74,8 +74,8 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
 
     def run(self, checkpoint: Path, report: Report) -> Network:
         """Train to the end, from the checkpoint where there is one; return the averaged network."""
-        if checkpoint.is_file():
-            self._resume(checkpoint)
+        if self.step == 0 and checkpoint.is_file():
+            self.resume(checkpoint)
         for batch in self.batches(self.step, self.settings.steps):
             value = self._learn(batch)
             self.step += 1
@@ -108,17 +108,25 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
         torch.save(state, part)
         part.replace(checkpoint)
 
-    def _resume(self, checkpoint: Path) -> None:
+    def resume(self, checkpoint: Path) -> None:
+        """Go on from a checkpoint. Raises ConfigError where it is damaged, or of another training."""
         state = _load(checkpoint, self.device)
-        if state["made_from"] != self._identity():
-            raise ConfigError(f"{checkpoint}: a checkpoint of other settings or logs; delete it, or name another")
+        own = self._identity()
+        if state["made_from"] != own:
+            other = [name for name in own if state["made_from"].get(name) != own[name]]
+            what = f"a checkpoint of a training with other {' and '.join(other)}"
+            raise ConfigError(f"{checkpoint}: {what}; delete it, or name another file with -o")
         self.network.load_state_dict(state["network"])
         self.averaged.load_state_dict(state["averaged"])
         self._optimizer.load_state_dict(state["optimizer"])
         self.step, self.losses = int(state["step"]), [float(value) for value in state["losses"]]
 
     def _identity(self) -> dict[str, str]:
-        return {"settings": repr(self.settings), "samples": " ".join(sample.name for sample in self.samples)}
+        """What decides the weights: with one of these changed, they would be of no training that can be repeated."""
+        return {
+            "settings": repr(self.settings), "samples": " ".join(sample.name for sample in self.samples),
+            "device": self.device, "threads": str(self.threads), "version of torch": str(torch.__version__),
+        }  # fmt: skip
 
 
 def _load(checkpoint: Path, device: str) -> dict[str, Any]:

@@ -46,8 +46,11 @@ def measure_log(path: Path, faults: FaultLog) -> MeasuredLog:
     kinds = {rig.mounts[name].kind for name in rig.sensors("lidar", "radar")}
     sensors = "both" if len(kinds) == 2 else next(iter(kinds), "both")
     prepare = BevInput(rig, info, sensors, LidarParams(), RadarParams(), SensorSettings(Learned3DParams(), rig))
-    frames, points = {}, {}
+    frames, points, segment = {}, {}, 0
     for frame in stream.frames(reader):
+        if frame.segment != segment:  # as in a replay, nothing is remembered beyond a gap
+            prepare.reset()
+            segment = frame.segment
         seen = prepare.measure(frame, StageClock())
         frames[frame.index], points[frame.index] = frame, (seen, *prepare.prepare(seen, StageClock()))
     return MeasuredLog(rig, info, frames, points, [(i, t) for i, t in stream.labels(reader) if i in frames])

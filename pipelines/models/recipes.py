@@ -78,7 +78,11 @@ class Recipe:
             if (part := losses[at : at + _CURVE_STEPS])
         ]
         digest = sha256(out.read_bytes()).hexdigest()
-        more = {"settings": asdict(self.loop.settings), "logs": logs, "loss_every_100_steps": means, "sha256": digest}
+        names = "\n".join(sample.name for sample in self.loop.samples)  # with ids of logs
+        more = {
+            "settings": asdict(self.loop.settings), "logs": logs, "samples_sha256": sha256(names.encode()).hexdigest(),
+            "loss_every_100_steps": means, "sha256": digest,
+        }  # fmt: skip
         path = out.with_suffix(".json")
         path.write_text(json.dumps({**card, **more}, indent=1) + "\n", encoding="utf-8")
         return path

@@ -48,6 +48,39 @@ def test_a_folder_in_the_place_of_the_file_is_refused_before_training(fbench, tm
 
 
 @with_torch
+@pytest.mark.parametrize("there", ["a.onnx", "a.json"])
+def test_nothing_is_replaced_unasked(fbench, tmp_path, there):
+    write_city_log(tmp_path / "a.mcap", 0.2)
+    (tmp_path / there).write_text("mine")
+    train = ("weights", "train", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "a.onnx"))
+    result = fbench(*train)
+    assert result.code == 2
+    assert f"{there}: exists; replace it with --overwrite, or name another file with -o" in result.err
+    assert "nothing to learn from" in fbench(*train, "--overwrite").err
+    assert (tmp_path / there).read_text() == "mine"
+
+
+@with_torch
+@pytest.mark.slow
+def test_it_says_where_it_goes_on(fbench, tmp_path):
+    log, out = tmp_path / "a.mcap", tmp_path / "a.onnx"
+    assert fbench("log", "simulate", "urban", "--seconds", "0.2", "--sensors", "camera", "-o", str(log)).code == 0
+    from fbench.pipelines.models.recipes import Recipe, TrainRequest  # torch
+
+    Recipe(TrainRequest("camera", [log], steps=1, threads=1)).loop.run(
+        tmp_path / "a.checkpoint", lambda step, loss: None
+    )
+    train = ("weights", "train", str(log), "-o", str(out), "--steps", "1", "--threads")
+    refused = fbench(*train, "2")
+    assert refused.code == 2
+    assert "a.checkpoint: a checkpoint of a training with other threads; delete it, or name another file" in refused.err
+    result = fbench(*train, "1")
+    assert result.code == 0, result.err
+    assert "goes on from step 1" in result.out
+    assert not (tmp_path / "a.checkpoint").exists()
+
+
+@with_torch
 def test_logs_without_images_teach_nothing(fbench, tmp_path):
     write_city_log(tmp_path / "a.mcap", 0.2)
     result = fbench("weights", "train", str(tmp_path), "-o", str(tmp_path / "a.onnx"))
@@ -64,7 +97,8 @@ def test_a_trained_file_is_a_detector(fbench, tmp_path):
     out = tmp_path / "a.onnx"
     result = fbench("weights", "train", str(log), "-o", str(out), "--steps", "2", "--threads", "1")
     assert result.code == 0, result.err
-    assert json.loads((tmp_path / "a.json").read_text())["threads"] == 1
+    card = json.loads((tmp_path / "a.json").read_text())
+    assert (card["threads"], len(card["samples_sha256"])) == (1, 64)
     assert f"weights: {out}" in result.out.replace("\n", "")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.onnx", "logs"]
     replayed = fbench("replay", str(log), "-p", "camera2d", "--set", f"camera.weights={out}", "-o", str(tmp_path / "r"))

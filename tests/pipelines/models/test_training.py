@@ -80,10 +80,14 @@ def test_a_damaged_checkpoint_is_refused(made, tmp_path, damage):
 
 def test_a_checkpoint_of_something_else_is_refused(made, tmp_path):
     Training(made, SHORT).run(tmp_path / "a.pt", quiet)
-    with pytest.raises(ConfigError, match="of other settings or logs"):
-        Training(made, replace(SHORT, seed=2)).run(tmp_path / "a.pt", quiet)
-    with pytest.raises(ConfigError, match="of other settings or logs"):
-        Training(made[:-1], SHORT).run(tmp_path / "a.pt", quiet)
+    others = {
+        "settings": Training(made, replace(SHORT, seed=2)), "samples": Training(made[:-1], SHORT),
+        "threads": Training(made, SHORT, threads=3),
+        "settings and samples": Training(made[:-1], replace(SHORT, steps=13)),
+    }  # fmt: skip
+    for what, other in others.items():
+        with pytest.raises(ConfigError, match=rf"a\.pt: a checkpoint of a training with other {what}; delete it"):
+            other.run(tmp_path / "a.pt", quiet)
 
 
 def test_it_learns(made, tmp_path):
