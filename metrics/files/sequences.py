@@ -18,6 +18,8 @@ FORMS = ("table", "kitti", "kitti-tracking", "ab3dmot", "mot", "nuscenes", "log"
 _NUSCENES_TABLES = "nuscenes-tables"
 _NUSCENES_VERSIONS = ("v1.0-mini", "v1.0-trainval", "v1.0-test")
 _INNER = ("data", "label_02", "label_2")
+_OF_SEQUENCE = ("gt/gt.txt", "annotations.feather")
+"""Files in a folder that is called as its sequence, of MOTChallenge and of Argoverse 2."""
 _MAX_INSPECTED = 20
 _LOG_SUFFIX = ".mcap"
 _NUM_SEQMAP = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
@@ -49,7 +51,7 @@ def open_source(path: Path, form: str | None, is_truth: bool, like: Source | Non
         return open_images(path, files)
     if kind == "table":
         return open_tables(path, files)
-    return open_texts(path, kind, files, is_truth, is_single=path.is_file() or _is_sequence(path))
+    return open_texts(path, kind, files, is_truth, is_single=path.is_file() or _in_sequence(path) is not None)
 
 
 def _is_log(path: Path) -> bool:
@@ -83,10 +85,11 @@ def _require_usable(path: Path, form: str | None) -> None:
 def _files(path: Path) -> dict[str, Path]:
     """Files by what they are called, in the order of names."""
     if path.is_file():
-        is_mot = path.name == "gt.txt" and path.parent.name == "gt"
-        return {path.resolve().parent.parent.name if is_mot else path.stem: path}
-    if _is_sequence(path):
-        return {path.resolve().name: path / "gt" / "gt.txt"}
+        whole = path.resolve()
+        own = (parent.name for parent in whole.parents[:2] if _in_sequence(parent) == whole)
+        return {next(own, path.stem): path}
+    if (only := _in_sequence(path)) is not None:
+        return {path.resolve().name: only}
     # Beside its folder `data` TrackEval puts numbers and plots.
     inner = next((path / name for name in _INNER if (path / name).is_dir()), None)
     if inner is not None:
@@ -95,21 +98,22 @@ def _files(path: Path) -> dict[str, Path]:
         entries = sorted(path.iterdir())
     except OSError as error:
         raise LogError(f"{path}: can't be read ({error.strerror})") from error
-    own = {folder.name: folder / "gt" / "gt.txt" for folder in entries if _is_sequence(folder)} or {
+    own = {folder.name: file for folder in entries if (file := _in_sequence(folder)) is not None} or {
         file.stem: file
         for file in entries
         if file.is_file() and (file.suffix == ".txt" or file.suffix.lower() in SUFFIXES)
     }
     if not own:
-        raise LogError(f"{path}: no files of boxes in it (.txt, .csv, .parquet, SEQUENCE/gt/gt.txt)")
+        raise LogError(f"{path}: no files of boxes in it (.txt, .csv, .parquet, .feather, SEQUENCE/gt/gt.txt)")
     if len({file.suffix.lower() == ".txt" for file in own.values()}) > 1:
         raise LogError(f"{path}: texts and tables in one folder; put them into two")
     return own
 
 
-def _is_sequence(path: Path) -> bool:
-    """Whether a folder is one sequence of MOTChallenge."""
-    return path.is_dir() and (path / "gt" / "gt.txt").is_file()
+def _in_sequence(folder: Path) -> Path | None:
+    """The file of a folder that is one sequence."""
+    files = (folder / name for name in _OF_SEQUENCE)
+    return next((file for file in files if file.is_file()), None) if folder.is_dir() else None
 
 
 def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:

@@ -6,7 +6,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.formats.documents import head_of
 from fbench.replay.formats.text import is_number
 
-SUFFIXES = (".csv", ".tsv", ".parquet")  # Of tables
+SUFFIXES = (".csv", ".tsv", ".parquet", ".feather")  # Of tables
 COMPANIONS = ("sample.json", "samples.csv")  # What tells when samples are, beside a submission of nuScenes
 AB3DMOT_COLUMNS = 15  # Frame, number of the class, then 13 numbers
 _MAX_INSPECTED = 20
@@ -16,7 +16,7 @@ def recognize(path: Path) -> str:
     """Return the name of the form. Raises LogError where it can't be told."""
     form = _recognize_folder(path) if path.is_dir() else _recognize_file(path)
     if form is None:
-        forms = "a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge .txt, nuScenes or OpenLABEL .json"
+        forms = "table .csv .parquet .feather; KITTI, AB3DMOT, MOTChallenge .txt; nuScenes, OpenLABEL .json"
         raise LogError(f"{path}: no form of boxes that fbench knows ({forms})")
     return form
 

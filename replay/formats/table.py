@@ -197,7 +197,7 @@ def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
             raise ConfigError(f"{source.path}: a run folder; give the table that is meant, such as {example}")
         paths = sorted(path for path in source.path.iterdir() if path.is_file() and path.suffix.lower() in SUFFIXES)
         if not paths:
-            raise LogError(f"{source.path}: no .csv and no .parquet in it")
+            raise LogError(f"{source.path}: no .csv, .parquet or .feather in it")
     files = [open_table_file(path) for path in paths]
     if len({file.counts_frames for file in files}) > 1:
         raise ConfigError(f"{source.path}: some tables count frames and some have stamps; use one of them")

@@ -1,4 +1,4 @@
-"""Read CSV and Parquet files: batches of rows with bounded memory, columns as arrays, rows by instant."""
+"""Read CSV, Parquet and Feather files: batches of rows with bounded memory, columns as arrays, rows by instant."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,6 +31,14 @@ _TEXTS = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
 _PLAIN = (pa.types.is_string, pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null,
           pa.types.is_decimal, pa.types.is_timestamp)  # fmt: skip
 _TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
+_AV2 = {
+    "timestamp_ns": "stamp_ns", "tx_m": "x", "ty_m": "y", "tz_m": "z", "length_m": "length", "width_m": "width",
+    "height_m": "height", "category": "label", "track_uuid": "track_id", "num_interior_pts": "num_lidar_pts",
+    "log_id": "sequence",
+}  # fmt: skip
+"""Columns of Argoverse 2's annotations and submissions (https://argoverse.github.io/user-guide/tasks/3d_object_detection.html),
+whose boxes are in the body's coordinates, too."""
+_MAX_FEATHER = 512 * 2**20
 _MAX_UNORDERED = 5_000_000
 _MAX_AT_ONCE = 200_000
 
@@ -42,7 +50,7 @@ class TableFile:
     path: Path
     names: dict[str, str]  # Name in the file, by the name in lower case
     types: dict[str, pa.DataType]
-    separator: str | None  # Of a CSV; `None`: Parquet
+    separator: str | None  # Of a CSV; `None`: Parquet or Feather
     metadata: dict[bytes, bytes]
 
     @property
@@ -82,6 +90,13 @@ class TableFile:
             with pacsv.open_csv(self.path, _READ, pacsv.ParseOptions(delimiter=self.separator), convert) as reader:
                 yield from reader
             return
+        if _is_feather(self.path):
+            with pa.OSFile(os.fsencode(self.path)) as source, pa.ipc.open_file(source) as file:
+                for i in range(file.num_record_batches):
+                    batch = file.get_batch(i).select(names)
+                    for start in range(0, batch.num_rows, _ROWS_AT_ONCE):
+                        yield batch.slice(start, _ROWS_AT_ONCE)
+            return
         kinds = ((self.names[name], kind) for name, kind in self.types.items())
         texts = [n for n, kind in kinds if n in names and (pa.types.is_string(kind) or pa.types.is_large_string(kind))]
         with pq.ParquetFile(
@@ -94,13 +109,17 @@ class TableFile:
 def open_table_file(path: Path) -> TableFile:
     """Read the names of a table's columns. Raises LogError where it isn't a table, or names a column twice."""
     try:
-        if path.suffix.lower() == ".parquet":
+        if _is_feather(path):
+            schema, separator = _feather_schema(path), None
+        elif path.suffix.lower() == ".parquet":
             schema, separator = _schema(path), None
         else:
             separator = _separator(path)
             with pacsv.open_csv(path, _READ, pacsv.ParseOptions(delimiter=separator)) as reader:
                 schema = reader.schema
         plain = [name.strip().lower() for name in schema.names]
+        if "tx_m" in plain and "category" in plain:
+            plain = [_AV2.get(name, name) for name in plain]
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: can't be read ({str(error).splitlines()[0]})") from error
     twice = next((name for name in plain if plain.count(name) > 1), None) if len(plain) < 10_000 else "?"
@@ -108,6 +127,19 @@ def open_table_file(path: Path) -> TableFile:
         raise LogError(f"{path}: column '{ROW if twice is None else twice}' is there twice, or not allowed")
     names = dict(zip(plain, schema.names, strict=True))
     return TableFile(path, names, dict(zip(plain, schema.types, strict=True)), separator, dict(schema.metadata or {}))
+
+
+def _is_feather(path: Path) -> bool:
+    return path.suffix.lower() == ".feather"
+
+
+def _feather_schema(path: Path) -> pa.Schema:
+    """Refuse files whose columns could take more memory than a table of boxes needs: they may be compressed."""
+    size = path.stat().st_size
+    if size > _MAX_FEATHER:
+        raise LimitError(f"{path}: {size >> 20} MiB, more than {_MAX_FEATHER >> 20}; write Parquet", "LIM004")
+    with pa.OSFile(os.fsencode(path)) as source, pa.ipc.open_file(source) as file:
+        return file.schema
 
 
 def _schema(path: Path) -> pa.Schema:

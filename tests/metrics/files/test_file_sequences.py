@@ -3,6 +3,8 @@
 import json
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.feather as pf
 import pytest
 from tests.metrics.files.conftest import kitti_row, kitti_text
 
@@ -28,6 +30,35 @@ def test_folders_are_paired_by_name(write, tmp_path):
         ("0000", 3, 6, 4), ("0003", 3, 6, 4)
     ]  # fmt: skip
     assert pair.notes == ()
+
+
+def test_logs_of_argoverse_2_are_called_as_their_folders(tmp_path):
+    names = ("x", "y", "z", "length", "width", "height")
+    theirs = ("tx_m", "ty_m", "tz_m", "length_m", "width_m", "height_m")
+    turn = {"qw": [1.0] * 2, "qx": [0.0] * 2, "qy": [0.0] * 2, "qz": [0.0] * 2}
+    for name in ("a", "b"):
+        (tmp_path / "val" / name).mkdir(parents=True)
+        truth = {
+            "timestamp_ns": [10**9, 2 * 10**9],
+            "category": ["BUS"] * 2,
+            **dict.fromkeys(theirs, [1.0] * 2),
+            **turn,
+        }
+        pf.write_feather(pa.table(truth), tmp_path / "val" / name / "annotations.feather")
+        pf.write_feather(pa.table({"timestamp_ns": [10**9]}), tmp_path / "val" / name / "city_SE3_egovehicle.feather")
+    own = {"timestamp_ns": [10**9] * 2, "category": ["BUS"] * 2, "log_id": ["a", "b"], "score": [0.5, 0.7], **turn}
+    pf.write_feather(pa.table({**own, **dict.fromkeys(theirs, [1.0] * 2)}), tmp_path / "results.feather")
+    found, _ = sequences(tmp_path / "val", tmp_path / "results.feather")
+    assert [(s.name, len(s.truth), len(s.estimates)) for s in found] == [("a", 2, 1), ("b", 2, 1)]
+    assert found[1].estimates.score.tolist() == [0.7]
+    for one in (tmp_path / "val" / "b", tmp_path / "val" / "b" / "annotations.feather"):
+        [found], _ = sequences(one, tmp_path / "results.feather")
+        assert (found.name, len(found.truth)) == ("b", 2)
+    # Columns of fbench in Feather, too; two single files needn't be called alike.
+    columns = {"stamp_ns": [10**9] * 2, "label": ["bus"] * 2, "yaw": [0.0] * 2, **dict.fromkeys(names, [1.0] * 2)}
+    pf.write_feather(pa.table(columns), tmp_path / "mine.feather")
+    [found], _ = sequences(tmp_path / "mine.feather", tmp_path / "mine.feather")
+    assert len(found.truth) == len(found.estimates) == 2
 
 
 def test_length_is_that_of_the_last_box_or_of_the_seqmap(write):

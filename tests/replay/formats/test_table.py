@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.feather as pf
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
@@ -178,6 +179,43 @@ def test_parquet_of_any_types(tmp_path):
     assert first.boxes3d.center_m.tolist() == [[1, 1, 1], [2, 2, 2]]
     assert (first.boxes3d.label.tolist(), first.boxes3d.ignore.tolist()) == (["car", "van"], [True, False])
     assert (empty.stamp_ns, len(empty.boxes3d)) == (6, 0)
+
+
+AV2 = {
+    "log_id": ["drive"] * 2, "timestamp_ns": [315966070557248000, 315966070657248000],
+    "track_uuid": ["0b5cfe20", "0b5cfe20"], "category": ["REGULAR_VEHICLE", "PEDESTRIAN"], "length_m": [4.0, 0.5],
+    "width_m": [2.0, 0.6], "height_m": [1.5, 1.7], "qw": [np.cos(0.25), 1.0], "qx": [0.0, 0.0], "qy": [0.0, 0.0],
+    "qz": [np.sin(0.25), 0.0], "tx_m": [10.0, 11.0], "ty_m": [-2.0, 3.0], "tz_m": [0.5, 0.7],
+    "num_interior_pts": [12, 0],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("compression", ["uncompressed", "lz4", "zstd"])
+def test_annotations_of_argoverse_2_are_read_as_they_are(tmp_path, compression):
+    pf.write_feather(pa.table(AV2), tmp_path / "annotations.feather", compression=compression)
+    first, second = read(tmp_path / "annotations.feather")
+    assert (first.stamp_ns, second.stamp_ns) == tuple(AV2["timestamp_ns"])
+    assert (first.boxes3d.center_m.tolist(), first.boxes3d.size_lwh_m.tolist()) == ([[10, -2, 0.5]], [[4, 2, 1.5]])
+    assert first.boxes3d.yaw_rad == pytest.approx(0.5)
+    assert (first.boxes3d.num_lidar_pts.tolist(), second.boxes3d.num_lidar_pts.tolist()) == ([12], [0])
+    assert first.boxes3d.track_id == second.boxes3d.track_id
+    assert second.boxes3d.source_label.tolist() == ["PEDESTRIAN"]
+
+
+def test_feather_of_fbenchs_columns_and_damaged(tmp_path):
+    columns = {"stamp_ns": [5], **{n: [1.0] for n in ("x", "y", "z", "length", "width", "height", "yaw")}}
+    path = tmp_path / "boxes.feather"
+    pf.write_feather(pa.table(columns), path)
+    assert read(path)[0].boxes3d.center_m.tolist() == [[1, 1, 1]]
+    whole = path.read_bytes()
+    for damaged in (b"", b"ARROW1", whole[: len(whole) // 2], b"FEA1" + bytes(20) + b"FEA1", whole[:-200] + bytes(200)):
+        path.write_bytes(damaged)
+        with pytest.raises(LogError, match=r"boxes\.feather: "):
+            read(path)
+    with path.open("wb") as file:
+        file.truncate(513 * 2**20)
+    with pytest.raises(LimitError, match="513 MiB, more than 512"):
+        read(path)
 
 
 def test_tables_of_runs_are_accepted(tmp_path):
