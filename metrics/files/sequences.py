@@ -86,8 +86,8 @@ def _files(path: Path) -> dict[str, Path]:
     """Files by what they are called, in the order of names."""
     if path.is_file():
         whole = path.resolve()
-        own = (parent.name for parent in whole.parents[:2] if _in_sequence(parent) == whole)
-        return {next(own, path.stem): path}
+        called = (parent.name for parent in whole.parents[:2] if _in_sequence(parent) == whole)
+        return {next(called, path.stem): path}
     if (only := _in_sequence(path)) is not None:
         return {path.resolve().name: only}
     # Beside its folder `data` TrackEval puts numbers and plots.

@@ -78,6 +78,7 @@ def _from_file(name: str, kind: type | None) -> Any:
         raise
     except BaseException as error:
         raise ConfigError(f"{path}: can't be imported: {one_line(error)}") from error
+    found: dict[str, Any]
     if kind is None:
         what, hint = "class", ""
         found = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
