@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
-from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
+from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector, warn_of_other_world
 from fbench.pipelines.sensors.bev.stage import KINDS, BevStage, BevView
 from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.sensors.radar.stage import RadarParams
@@ -13,7 +13,7 @@ from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.data.frames import Frame
+from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
 
@@ -51,7 +51,12 @@ class Learned3D(TrackingPipeline[Boxes3D]):
         params, settings = self._params, SensorSettings(self._params, rig)
         self._stage = BevStage(rig, log_info, params.network, params.lidar, params.radar, settings, self._detector)
         self._remember(self._stage)
+        self._warned = warn_of_other_world(params.network, log_info)
         super().start(rig, log_info)
+
+    def warnings(self) -> tuple[Fault, ...]:
+        """Say where the built-in network looks at a log that isn't simulated."""
+        return self._warned
 
     def _detect(self, frame: Frame, clock: StageClock) -> BevView:
         return self._stage.view(frame, clock)

@@ -84,6 +84,7 @@ FAULTS: dict[str, FaultKind] = {
     "PRD004": FaultKind("degrade", "recorded result was there before its frame, so it has no latency"),
     "PRD005": FaultKind("degrade", "nearly all car-sized LiDAR clusters were rejected"),
     "PRD006": FaultKind("degrade", "radar whose echoes are too few to outline objects in images"),
+    "PRD007": FaultKind("degrade", "built-in bird's-eye network on a log that isn't simulated"),
 }  # Codes follow the fault matrix of docs/faults.md
 
 

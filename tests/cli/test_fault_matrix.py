@@ -325,6 +325,7 @@ ELSEWHERE = {
     "PRD005": "tests/pipelines/variants/test_lidar3d.py::test_a_judge_that_rejects_nearly_all_cars_is_flagged",
     "PRD006": "tests/pipelines/variants/test_images2d.py::"
     "test_a_sparse_radar_sees_the_car_and_that_it_approaches_the_own_one",
+    "PRD007": "tests/pipelines/sensors/bev/test_bev.py::test_the_built_in_network_says_that_it_knows_the_city_alone",
     "PRD004": "tests/pipelines/variants/test_recorded.py::test_results_before_their_frame_have_no_latency",
 }
 

@@ -16,6 +16,9 @@ from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Fault
+from fbench.replay.data.metadata import SIMULATED
+from fbench.replay.data.rig import LogInfo
 from fbench.replay.geometry.threads import num_threads
 
 BUILTIN = Path(__file__).with_name("learned3d.onnx")  # See `docs/learned.md`
@@ -75,6 +78,17 @@ def open_detector(params: BevParams) -> Detector:
     layout = PillarLayout() if params.layout is None else read_layout(params.layout)
     pillars = PillarDetector(session, path, params.encoder, layout, threads)
     return _Filter(pillars, params, pillars.classes, "lidar")
+
+
+def warn_of_other_world(params: BevParams, log_info: LogInfo) -> tuple[Fault, ...]:
+    """Say where the built-in network looks at what it never saw: a log that isn't simulated."""
+    if params.weights != AUTO or SIMULATED in log_info.metadata:
+        return ()
+    text = (
+        "network: the built-in one knows the simulated city alone; train one on logs such as this: "
+        "fbench weights train LOGS --model learned3d"
+    )
+    return (Fault("PRD007", text),)
 
 
 class _Filter:

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.detector import BevParams, Detector, open_detector
+from fbench.pipelines.sensors.bev.detector import BevParams, Detector, open_detector, warn_of_other_world
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
 from fbench.pipelines.sensors.points import vehicle
@@ -311,7 +311,9 @@ class LidarStage:
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, resolve_judge(params, log_info)
-        self._network = open_detector(params.network) if params.detector == "learned" else None
+        is_learned = params.detector == "learned"
+        self._network = open_detector(params.network) if is_learned else None
+        self._warned = warn_of_other_world(params.network, log_info) if is_learned else ()
         self.judge = self._params.judge if self._network is None else "model"
         self.labeled = self.judge != "rules"  # Whether boxes have labels
         own = settings.own("lidar", params, OWN)
@@ -374,8 +376,8 @@ class LidarStage:
         return LidarView(found.plane, found.xyz[order], cluster[order], replace(boxes[kept], velocity_mps=None))
 
     def warnings(self) -> tuple[Fault, ...]:
-        """Say where nearly all clusters since the start of the rig were rejected."""
-        return self._rejected.warnings(self.judge)
+        """Say where nearly all clusters since the start were rejected, or the network is of another world."""
+        return self._warned or self._rejected.warnings(self.judge)
 
     def points(self, frame: Frame, clock: StageClock) -> Float64 | None:
         """Points (N, 3) [m] of all LiDARs but on the own vehicle, see `lidar_points`; `None` without any LiDAR."""

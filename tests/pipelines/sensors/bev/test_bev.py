@@ -123,6 +123,23 @@ def test_sources_are_the_sensors_that_delivered(names, given, sources):
     assert set(found.sources.tolist()) == {sources}
 
 
+@pytest.mark.parametrize(
+    ("metadata", "own", "codes"),
+    [({}, False, ["PRD007"]), ({"simulated": "3"}, False, []), ({}, True, [])],
+)
+def test_the_built_in_network_says_that_it_knows_the_city_alone(tmp_path, metadata, own, codes):
+    weights = tmp_path / "mine.onnx"
+    weights.write_bytes(BUILTIN.read_bytes())
+    network = BevParams(weights=weights) if own else BevParams()
+    pipeline = Learned3D(Learned3DParams(network=network))
+    info = LogInfo("drive", "", metadata)
+    pipeline.start(rig("lidar", "radar"), info)
+    assert [fault.code for fault in pipeline.warnings()] == codes
+    lidar = LidarParams(detector="learned", network=network)
+    stage = LidarStage(rig("lidar"), info, lidar, SensorSettings(Learned3DParams(), rig("lidar")))
+    assert [fault.code for fault in stage.warnings()] == codes
+
+
 def test_what_isnt_such_a_network_is_refused(tmp_path):
     with pytest.raises(ModelError, match=r"city\.onnx: not a bird's-eye network"):
         open_detector(BevParams(weights=CITY_WEIGHTS))
