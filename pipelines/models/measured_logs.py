@@ -13,6 +13,7 @@ from fbench.pipelines.sensors.lidar.stage import LidarParams
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.pipelines.variants.learned3d import Learned3DParams
+from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
@@ -59,10 +60,13 @@ def measure_log(path: Path, faults: FaultLog) -> MeasuredLog:
 def rgbd_samples(logs: Sequence[Path], threads: int, faults: FaultLog) -> list[Sample]:
     """Read all images of logs with the points that their cameras would see, where there is 2D truth; corrupt ones, and
     what else is wrong with the data, are counted in `faults`. Raises LogError where there are none, nothing is to be
-    found, or a log has no LiDAR or radar.
+    found, no point lies in any, or a log has no LiDAR or radar.
     """
     with ThreadPoolExecutor(threads, "fbench-logs") as pool:
-        return require_objects(gather(pool.map(_pair_images, logs), faults))
+        found = require_objects(gather(pool.map(_pair_images, logs), faults))
+    if not any(len(one.points.lidar) or len(one.points.radar) for one in found):
+        raise LogError("no point or echo lies in any image of these logs: nothing to learn; is the calibration right?")
+    return found
 
 
 def _pair_images(path: Path) -> tuple[list[Sample], StagedFaults]:
