@@ -101,7 +101,7 @@ def test_a_car_that_a_dense_lidar_sees_from_above_isnt_rejected_by_rules():
     top = np.concatenate([box(14.15, 2.9, (4.3, 1.8, 1.1)), roof])
     scores = {judge: view(top, judge=judge).boxes.score.max() for judge in ("rules", "model", "both")}
     assert scores["rules"] < 0.1
-    assert scores["rules"] < scores["both"] < scores["model"]
+    assert scores["both"] == pytest.approx(scores["model"], rel=1e-12), "at this density, rules don't count"
     assert scores["both"] > 0.4
 
 
