@@ -116,7 +116,7 @@ def test_networks_for_points_are_trained_from_logs(fbench, tmp_path):
         ("rgbd", ("-p", "early2d", "--set", "detector=rgbd", "--set")), ("learned3d", ("-p", "learned3d", "--set")),
     ):  # fmt: skip
         out = tmp_path / f"{model}.onnx"
-        train = ("weights", "train", str(log.parent), "--model", model, "-o", str(out), "--steps", "12")
+        train = ("weights", "train", str(log.parent), "--model", model, "-o", str(out), "--steps", "2")
         result = fbench(*train, "--threads", "1")
         assert result.code == 0, result.err
         name = "rgbd.weights" if model == "rgbd" else "network.weights"
