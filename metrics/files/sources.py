@@ -28,9 +28,7 @@ class Source:
     names: tuple[str, ...]  # Of its sequences, in their order
     is_single: bool  # Whether it can't have but one sequence, whose name then says nothing
     read: Callable[[str], Side]  # Gives the boxes of one sequence, or LogError naming file, row and column
-    submission: "Callable[[], Submission | None]" = lambda: (
-        None
-    )  # What knows the samples of nuScenes, where it has such
+    submission: "Callable[[], Submission | None]" = lambda: None  # Of nuScenes: knows its samples
     faults: FaultLog = field(default_factory=FaultLog)  # Gets what is wrong with logs
 
 

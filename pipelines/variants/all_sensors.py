@@ -1,4 +1,4 @@
-"""What pipelines of cameras, LiDARs and radars share: parameters, branches, and the choice of a stereo pair."""
+"""Parameters, branches and stereo pair that pipelines of cameras, LiDARs and radars have in common."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -55,7 +55,7 @@ FAULTS: dict[str, FaultKind] = {
     "LIM001": FaultKind("fatal", "record is larger than the limit"),
     "LIM002": FaultKind("fatal", "decompression bomb"),
     "LIM003": FaultKind("count", "image isn't of the size that its camera is calibrated for"),
-    "LIM004": FaultKind("fatal", "Parquet row group or page is larger than the limit"),
+    "LIM004": FaultKind("fatal", "Parquet row group or page, or Feather file, is larger than the limit"),
     "LIM005": FaultKind("fatal", "frame or log with more pairs of truth and result boxes than the limit"),
     "CAL001": FaultKind("fatal", "calibration or transform is missing or invalid"),
     "CAL002": FaultKind("degrade", "calibration changes within the log, new segment"),
