@@ -4,7 +4,7 @@
     python benchmarks/bench_learned.py runs/learned [--base camera2d,late2d] [--resamples 3000]
 
 The suite's logs are named WORLD-WEATHER-SEED, as the city names them; world and seed are the drive, of which every
-weather is a log. Prints tables in Markdown, in the image where a pipeline's boxes are scored there, else in 3D.
+weather is a log. Prints tables in Markdown, in 3D where a pipeline's boxes are scored there, else in the image.
 """
 
 import argparse
@@ -65,7 +65,7 @@ def main() -> None:
     runs, how = read_runs(asked.folder), Bootstrap(num=asked.resamples)
     names = list(dict.fromkeys(name for name, _ in runs))
     weathers = [*(weather for weather in dict.fromkeys(own for _, own in runs) if weather != ALL), ALL]
-    spaces = {name: spaces_of(runs[name, ALL])[0] for name in names}
+    spaces = {name: spaces_of(runs[name, ALL])[-1] for name in names}
     drives = {run.scene for own in runs.values() for run in own}
     print(f"{len(drives)} drives; in brackets 95% of {how.num} resamples of them")
     for metric in ("f1", "mota"):
