@@ -1,6 +1,6 @@
 """F1 and MOTA of a suite's pipelines by weather, and how far they are ahead of one another, with intervals over drives.
 
-    fbench bench suite.toml -o runs/learned --jobs 2
+    fbench bench benchmarks/learned3d.toml -o runs/learned --jobs 2
     python benchmarks/bench_learned.py runs/learned [--base camera2d,late2d] [--resamples 3000]
 
 The suite's logs are named WORLD-WEATHER-SEED, as the city names them; world and seed are the drive, of which every
@@ -73,13 +73,13 @@ def main() -> None:
             name: [show(pool(runs.get((name, w), ()), metric, spaces[name], how)) for w in weathers] for name in names
         }
         print_table(f"{metric.upper()}, %", weathers, rows)
-    for base in asked.base.split(","):
+    for base, metric in product(asked.base.split(","), ("f1", "mota")):
         others = [name for name in names if name != base and spaces[name] == spaces.get(base)]
         rows = {name: [] for name in others}
         for name, weather in product(others, weathers):
             head, its_runs = (runs.get((own, weather), ()) for own in (name, base))
-            rows[name].append(show(difference(head, its_runs, spaces[name], how), "+"))
-        print_table(f"F1 over {base}", weathers, rows)
+            rows[name].append(show(difference(head, its_runs, spaces[name], how, metric), "+"))
+        print_table(f"{metric.upper()} over {base}", weathers, rows)
 
 
 if __name__ == "__main__":

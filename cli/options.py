@@ -272,6 +272,7 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "weights train": (
         "fbench log simulate training -o training",
         "fbench weights train training -o city.onnx",
+        "fbench weights train my_logs points --model learned3d --weights auto -o my.onnx",
         "fbench replay log.mcap -p camera2d --set camera.weights=city.onnx",
     ),
 }

@@ -13,7 +13,7 @@ from fbench.cli import options
 from fbench.cli.progress import byte_progress, message_progress, replay_progress
 from fbench.cli.show import console, fault_lines, make_table, print_json, say
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.files import make_parent
+from fbench.replay.data.files import expand_user, make_parent
 from fbench.replay.data.scores import format_count
 
 if TYPE_CHECKING:
@@ -49,10 +49,10 @@ def get(
 
 @app.command("train", epilog=options.examples("weights train"))
 def train(
-    folder: Annotated[
-        Path,
+    logs: Annotated[
+        list[Path],
         Argument(
-            metavar="LOGS", help="Folder of logs with truth (or one log): 2D for camera and rgbd, 3D for learned3d."
+            metavar="LOGS...", help="Logs with truth, or folders of them: 2D for camera and rgbd, 3D for learned3d."
         ),
     ],
     out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="File for the weights.")],
@@ -60,6 +60,13 @@ def train(
         Literal["camera", "rgbd", "learned3d"],
         Option(help="The camera detector, the one with points in its image, or the bird's-eye network of learned3d."),
     ] = "camera",
+    weights: Annotated[
+        str | None,
+        Option(
+            metavar="FILE|auto",
+            help="Weights to start from, 'auto' are the built-in ones; a quarter of the steps then do.",
+        ),
+    ] = None,
     seed: Annotated[
         int | None, Option(min=0, max=2**63 - 1, help="Seed of the initial weights and of the augmentation.")
     ] = None,
@@ -85,8 +92,10 @@ def train(
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("--device cuda: torch finds no CUDA device here")
     from fbench.pipelines.models.recipes import Recipe, TrainRequest
+    from fbench.pipelines.models.weights import AUTO, resolve
 
-    recipe = Recipe(TrainRequest(model, _find_logs(folder), seed, steps, device, threads))
+    first = AUTO if weights == AUTO else None if weights is None else resolve(expand_user(weights))
+    recipe = Recipe(TrainRequest(model, _find_logs(logs), seed, steps, device, threads, first))
     loop = recipe.loop
     num = format_count(len(loop.samples), "frame" if model == "learned3d" else "image")
     say(f"{num}, {format_count(loop.settings.steps, 'step')}, seed {loop.settings.seed}")
@@ -209,15 +218,17 @@ def _count(blocks: Iterable[bytes], progress: Callable[[int], None]) -> Iterator
         yield block
 
 
-def _find_logs(folder: Path) -> Sequence[Path]:
+def _find_logs(places: Iterable[Path]) -> Sequence[Path]:
     from fbench.replay.logs.open import find_logs
 
-    if not folder.exists():
-        raise ConfigError(f"{folder}: no such folder; to make one: fbench log simulate training -o {folder}")
-    found = find_logs(folder)
-    if not found:
-        raise ConfigError(f"{folder}: no logs in it; to make them: fbench log simulate training -o {folder}")
-    return found
+    found = dict[Path, None]()
+    for place in places:
+        if not place.exists():
+            raise ConfigError(f"{place}: no such folder; to make one: fbench log simulate training -o {place}")
+        if not (own := find_logs(place)):
+            raise ConfigError(f"{place}: no logs in it; to make them: fbench log simulate training -o {place}")
+        found |= dict.fromkeys(own)
+    return list(found)
 
 
 def _reporter(progress: Callable[[int], None]) -> Callable[[int, float], None]:

@@ -163,13 +163,17 @@ def change(runs: Sequence[ScoredRun], condition: str, space: Space, how: Bootstr
     return Figure((found.value - base.value) / base.value, None, counts, None, low, high)
 
 
-def difference(one: Sequence[ScoredRun], other: Sequence[ScoredRun], space: Space, how: Bootstrap) -> Figure:
-    """Return F1 of a configuration minus that of another, on the scenes of which both have runs, with its interval."""
+def difference(
+    one: Sequence[ScoredRun], other: Sequence[ScoredRun], space: Space, how: Bootstrap, metric: str = "f1"
+) -> Figure:
+    """Return a metric of a configuration minus that of another, on the scenes of which both have runs, with its
+    interval; see `pool`.
+    """
     scenes = sorted({run.scene for run in one} & {run.scene for run in other})
     both = [[run for run in own if run.scene in scenes] for own in (one, other)]
-    head, base = (pool(own, "f1", space) for own in both)
+    head, base = (pool(own, metric, space) for own in both)
     if head.value is None or base.value is None:
         return Figure(None, head.reason or base.reason)
-    ours, theirs = (resample(own, "f1", space, how, scenes) for own in both)
+    ours, theirs = (resample(own, metric, space, how, scenes) for own in both)
     ends = (None, None) if ours is None or theirs is None else how.interval(ours - theirs)
     return Figure(head.value - base.value, None, {}, None, *ends)

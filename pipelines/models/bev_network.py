@@ -1,14 +1,14 @@
 """The bird's-eye network, and its export to ONNX."""
 
-import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
-import onnx
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from fbench.pipelines.models.network import Residual, Separable, Unit
+from fbench.pipelines.models.onnx_files import convert, save
 from fbench.pipelines.sensors.bev.decoding import NUM_OUTPUTS, SCORE
 from fbench.pipelines.sensors.bev.grid import NUM_CHANNELS, SIDE
 
@@ -57,19 +57,8 @@ class _Exported(nn.Module):
         return torch.cat([found[:, :1].sigmoid(), found[:, 1:]], 1)
 
 
-def export(network: BevNetwork, path: Path, card: dict[str, str]) -> None:
+def export(network: BevNetwork, path: Path, card: Mapping[str, str]) -> None:
     """Write an ONNX file: input `points` (B, C, `SIDE`, `SIDE`), output `cells`; the card becomes its metadata."""
-    part = path.with_suffix(".part")
     blank = torch.zeros(1, NUM_CHANNELS, SIDE, SIDE)
-    with warnings.catch_warnings():
-        # The newer exporter needs another package, and gives the same graph.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        torch.onnx.export(
-            _Exported(network.cpu().eval()).eval(), (blank,), str(part), dynamo=False, opset_version=17,
-            input_names=["points"], output_names=["cells"],
-            dynamic_axes={"points": {0: "batch"}, "cells": {0: "batch"}},
-        )  # fmt: skip
-    model = onnx.load(str(part))
-    onnx.helper.set_model_props(model, {"description": "fbench's bird's-eye network", **card})
-    onnx.save(model, str(part))
-    part.replace(path)
+    model = convert(_Exported(network.cpu()), blank, ("points", "cells"))
+    save(model, path, {"description": "fbench's bird's-eye network", **card})

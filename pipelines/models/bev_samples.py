@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -11,7 +11,7 @@ import numpy as np
 
 from fbench.pipelines.models.measured_logs import measure_log
 from fbench.pipelines.models.samples import gather, make_ahead
-from fbench.pipelines.models.settings import LoopSettings
+from fbench.pipelines.models.settings import LoopSettings, chances
 from fbench.pipelines.sensors.bev.decoding import CLASSES
 from fbench.pipelines.sensors.bev.grid import REACH_M, SLICES_M, BevPoints
 from fbench.pipelines.sensors.points.merged import viewpoint
@@ -20,6 +20,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import not_projectable, project_body
 from fbench.replay.geometry.kernels import kernel
@@ -55,6 +56,7 @@ class BevSample:
     eye: Float32  # (3,) where the LiDARs are: x, y, height [m]
     boxes: Float32  # (G, 9) x, y, height of the middle above ground, length, width, height, yaw, velocity along x and y
     class_id: Int64  # (G,) index in `CLASSES`; -1 of what is neither to be found nor a mistake
+    is_recorded: bool = False  # Not simulated
 
 
 def bev_samples(logs: Sequence[Path], threads: int, faults: FaultLog) -> list[BevSample]:
@@ -99,7 +101,8 @@ def _read_log(path: Path) -> tuple[list[BevSample], StagedFaults]:
         if cameras:  # only what they see was labeled
             rows = [part[_in_view(rig, cameras, part[:, :3], 0.0)] for part in (points.lidar, points.radar)]
             points = BevPoints(*rows)
-        found.append(BevSample(name, _crop(points), eye.astype(np.float32), boxes[near], ids[near]))
+        is_recorded = SIMULATED not in info.metadata
+        found.append(BevSample(name, _crop(points), eye.astype(np.float32), boxes[near], ids[near], is_recorded))
     return found, faults
 
 
@@ -222,6 +225,12 @@ class BevBatcher:
     samples: Sequence[BevSample]
     settings: BevSettings
     threads: int = 2
+    _chance: Float64 | None = field(init=False)  # (S,) of the samples; `None` where all are equally likely
+
+    def __post_init__(self) -> None:
+        is_recorded = [sample.is_recorded for sample in self.samples]
+        chance = chances(np.ones(len(is_recorded)), is_recorded, self.settings.recorded)
+        object.__setattr__(self, "_chance", chance if len(set(is_recorded)) == 2 else None)
 
     def batches(self, first: int, last: int) -> Iterator[list[BevView]]:
         """Yield the batches of steps `first` to before `last`."""
@@ -229,5 +238,6 @@ class BevBatcher:
 
     def _views(self, step: int) -> Iterator[partial[BevView]]:
         seed, num = self.settings.seed, self.settings.batch
-        for place, index in enumerate(generator(seed, "samples", step).choice(len(self.samples), num).tolist()):
+        chosen = generator(seed, "samples", step).choice(len(self.samples), num, p=self._chance)
+        for place, index in enumerate(chosen.tolist()):
             yield partial(view, self.samples[index], self.settings, generator(seed, "view", step, place))

@@ -79,6 +79,5 @@ def _pair_images(path: Path) -> tuple[list[Sample], StagedFaults]:
         for camera in labeled:
             image = log.frames[index].messages.get(camera)
             if isinstance(image, Image) and can_decode(image, path, faults):
-                name = f"{log.info.name} {log.info.log_id} {camera} {image.stamp_ns}"
-                found.append(make_sample(name, image, boxes, project_points(log.rig, camera, seen, plane)))
+                found.append(make_sample(log.info, image, boxes, project_points(log.rig, camera, seen, plane)))
     return found, faults

@@ -1,6 +1,5 @@
 """The network of the city's camera detector, and its export to ONNX."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -10,6 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from fbench.pipelines.models.onnx_files import convert, save
 from fbench.pipelines.models.samples import CLASSES, INPUT_WH
 
 STRIDES = (8, 16, 32)  # Pixels of the input between neighboring cells, level by level
@@ -185,22 +185,11 @@ def export(network: CityDetector, path: Path, card: Mapping[str, str]) -> None:
     """Write an ONNX file: input `images` (B, 3 or 5, 480, 640) 0 to 1, output `boxes` (B, 4 + C, N); the card becomes
     its metadata.
     """
-    part = path.with_suffix(".part")
     blank = torch.zeros(1, network.num_channels, INPUT_WH[1], INPUT_WH[0])
-    with warnings.catch_warnings():
-        # The newer exporter needs another package, and gives the same graph.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        torch.onnx.export(
-            _Exported(network.cpu().eval()).eval(), (blank,), str(part), dynamo=False, opset_version=17,
-            input_names=["images"], output_names=["boxes"],
-            dynamic_axes={"images": {0: "batch"}, "boxes": {0: "batch"}},
-        )  # fmt: skip
-    model = onnx.load(str(part))
+    model = convert(_Exported(network.cpu()), blank, ("images", "boxes"))
     limits = {"min_score": MIN_SCORE[network.num_channels], **OVERLAPS}
     said = {"names": repr(dict(enumerate(CLASSES))), **{name: str(value) for name, value in limits.items()}}
     # The exporter forgot the shape, by which readers tell families of models apart.
     port, shape = model.graph.output[0], ["batch", 4 + len(CLASSES), cells(*INPUT_WH).shape[1]]
     port.CopyFrom(onnx.helper.make_tensor_value_info(port.name, onnx.TensorProto.FLOAT, shape))
-    onnx.helper.set_model_props(model, {"description": "fbench's detector for its simulated city", **card, **said})
-    onnx.save(model, str(part))
-    part.replace(path)
+    save(model, path, {"description": "fbench's detector for its simulated city", **card, **said})

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
@@ -10,17 +10,28 @@ from typing import Any, Literal
 
 import torch
 
+from fbench.pipelines.fusion.early.rgbd import RGBD_WEIGHTS
 from fbench.pipelines.models import bev_network, network
 from fbench.pipelines.models.bev_samples import BevSettings, bev_samples
 from fbench.pipelines.models.bev_train import BevTraining
 from fbench.pipelines.models.loop import Loop
 from fbench.pipelines.models.measured_logs import rgbd_samples
 from fbench.pipelines.models.samples import RgbdSettings, TrainingSettings, samples
+from fbench.pipelines.models.settings import LoopSettings
 from fbench.pipelines.models.train import Training
+from fbench.pipelines.models.weights import AUTO, Weights
+from fbench.pipelines.sensors.bev.detector import BUILTIN
+from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
 from fbench.replay.contracts.faults import FaultLog
 
 ModelName = Literal["camera", "rgbd", "learned3d"]
 _CURVE_STEPS = 100  # One mean of the loss for so many steps
+_REFINED = 4  # From existing weights, steps and learning rate are divided by this
+_LOOPS: Mapping[ModelName, tuple[Any, LoopSettings]] = {
+    "camera": (Training, TrainingSettings()), "rgbd": (Training, RgbdSettings()),
+    "learned3d": (BevTraining, BevSettings()),
+}  # fmt: skip
+_BUILTIN: Mapping[ModelName, Path] = {"camera": CITY_WEIGHTS, "rgbd": RGBD_WEIGHTS, "learned3d": BUILTIN}
 
 
 @dataclass(frozen=True)
@@ -33,11 +44,14 @@ class TrainRequest:
     steps: int | None = None  # The same
     device: str = "cpu"
     threads: int = 2
+    weights: Weights = None  # To start from, those of `auto` are built in; `None` are random ones
 
 
 @dataclass(eq=False)
 class Recipe:
-    """One training, ready to run. Raises LogError where the logs teach nothing."""
+    """One training, ready to run. Raises LogError where the logs teach nothing, ModelError where the weights to start
+    from are of another network.
+    """
 
     request: TrainRequest
     faults: FaultLog = field(default_factory=FaultLog)  # What is wrong with the logs
@@ -48,18 +62,25 @@ class Recipe:
         if request.device == "cuda":  # the same weights each time on one kind of card
             os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
             torch.use_deterministic_algorithms(True)
-        device, threads = request.device, request.threads
-        logs = request.logs, threads, self.faults
-        self.loop: Loop[Any, Any, Any, Any]
-        if request.model == "camera":
-            self.loop = Training(samples(request.logs, self.faults), self._change(TrainingSettings()), device, threads)
-        elif request.model == "rgbd":
-            self.loop = Training(rgbd_samples(*logs), self._change(RgbdSettings()), device, threads)
-        else:
-            self.loop = BevTraining(bev_samples(*logs), self._change(BevSettings()), device, threads)
+        self._weights = _BUILTIN[request.model] if request.weights == AUTO else request.weights
+        how = request.device, request.threads, self._weights
+        loop, settings = _LOOPS[request.model]
+        settings = self._change(settings)
+        loop([], settings, *how)  # so that weights of another network are refused before all logs are read
+        self.loop: Loop[Any, Any, Any, Any] = loop(self._samples(), settings, *how)
+
+    def _samples(self) -> list[Any]:
+        logs, threads = self.request.logs, self.request.threads
+        if self.request.model == "camera":
+            return list(samples(logs, self.faults))
+        read = rgbd_samples if self.request.model == "rgbd" else bev_samples
+        return list(read(logs, threads, self.faults))
 
     def _change(self, settings: Any) -> Any:
         asked = {"seed": self.request.seed, "steps": self.request.steps}
+        if self._weights is not None:
+            steps, rate = settings.steps // _REFINED, settings.learning_rate / _REFINED
+            settings = replace(settings, steps=steps, learning_rate=rate)
         return replace(settings, **{name: value for name, value in asked.items() if value is not None})
 
     def finish(self, trained: Any, out: Path) -> Path:
@@ -77,12 +98,17 @@ class Recipe:
             for at in range(0, len(losses), _CURVE_STEPS)
             if (part := losses[at : at + _CURVE_STEPS])
         ]
-        digest = sha256(out.read_bytes()).hexdigest()
+        digest = _digest(out)
         names = "\n".join(sample.name for sample in self.loop.samples)  # with ids of logs
         more = {
+            "first_weights_sha256": None if self._weights is None else _digest(self._weights),
             "settings": asdict(self.loop.settings), "logs": logs, "samples_sha256": sha256(names.encode()).hexdigest(),
             "loss_every_100_steps": means, "sha256": digest,
         }  # fmt: skip
         path = out.with_suffix(".json")
         path.write_text(json.dumps({**card, **more}, indent=1) + "\n", encoding="utf-8")
         return path
+
+
+def _digest(path: Path) -> str:
+    return sha256(path.read_bytes()).hexdigest()

@@ -11,7 +11,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
-from fbench.pipelines.models.settings import LoopSettings
+from fbench.pipelines.models.settings import LoopSettings, chances
 from fbench.pipelines.sensors.camera.channels import NO_POINTS, ImagePoints, draw_channels
 from fbench.pipelines.sensors.camera.layouts import PAD_VALUE
 from fbench.replay.conditions.generators import generator
@@ -21,6 +21,8 @@ from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.images import Pixels, decode
 from fbench.replay.data.messages import Image
+from fbench.replay.data.metadata import SIMULATED
+from fbench.replay.data.rig import LogInfo
 from fbench.replay.setup.source import LogRequest, log_source
 
 CLASSES = ("car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestrian")
@@ -62,6 +64,7 @@ class Sample:
     xyxy: Float64  # (N, 4) left, top, right, bottom around whole bodies [px from the upper left corner]
     class_id: Int64  # (N,) index in `CLASSES`; -1 of what is neither to be found nor a mistake
     points: ImagePoints = NO_POINTS
+    is_recorded: bool = False  # Not simulated
 
     @property
     def is_ignored(self) -> Bool:
@@ -116,13 +119,12 @@ def _of_log(path: Path) -> tuple[list[Sample], StagedFaults]:
         if not (isinstance(message, Image) and message.sensor in labeled and message.stamp_ns in truths):
             continue
         if can_decode(message, path, faults):
-            name = f"{log.info.name} {log.info.log_id} {message.sensor} {message.stamp_ns}"
-            found.append(make_sample(name, message, truths[message.stamp_ns], NO_POINTS))
+            found.append(make_sample(log.info, message, truths[message.stamp_ns], NO_POINTS))
     return found, faults
 
 
-def make_sample(name: str, image: Image, truth: Boxes2D, points: ImagePoints) -> Sample:
-    """Return an image with the truth of all cameras at its stamp."""
+def make_sample(info: LogInfo, image: Image, truth: Boxes2D, points: ImagePoints) -> Sample:
+    """Return an image of a log with the truth of all cameras at its stamp."""
     ids = np.full(len(truth), -1)
     if truth.label is not None:
         for index, label in enumerate(CLASSES):
@@ -130,7 +132,9 @@ def make_sample(name: str, image: Image, truth: Boxes2D, points: ImagePoints) ->
     if truth.ignore is not None:
         ids[truth.ignore] = -1
     mine = truth.camera == image.sensor
-    return Sample(name, image, truth.xyxy_px[mine] + 0.5, ids[mine].astype(np.int64), points)
+    name = f"{info.name} {info.log_id} {image.sensor} {image.stamp_ns}"
+    xyxy, is_recorded = truth.xyxy_px[mine] + 0.5, SIMULATED not in info.metadata
+    return Sample(name, image, xyxy, ids[mine].astype(np.int64), points, is_recorded)
 
 
 def rarity(samples: Sequence[Sample], common: float) -> Float64:
@@ -280,7 +284,8 @@ class Batcher:
         weight = rarity(self.samples, self.settings.common)
         rarest = np.array([weight[s.class_id[~s.is_ignored]].max(initial=1) for s in self.samples])
         object.__setattr__(self, "_weight", weight)
-        object.__setattr__(self, "_chance", rarest / rarest.sum())
+        is_recorded = [sample.is_recorded for sample in self.samples]
+        object.__setattr__(self, "_chance", chances(rarest, is_recorded, self.settings.recorded))
 
     def batches(self, first: int, last: int) -> Iterator[list[View]]:
         """Yield the batches of steps `first` to before `last`."""

@@ -61,6 +61,25 @@ def test_nothing_is_replaced_unasked(fbench, tmp_path, there):
 
 
 @with_torch
+@pytest.mark.parametrize(
+    ("weights", "code", "said"),
+    [
+        ("none.onnx", 3, "none.onnx: can't be read"), ("text.onnx", 3, "text.onnx: no ONNX file"),
+        ("learned3d", 2, "unknown weights 'learned3d'"),
+    ],
+)  # fmt: skip
+def test_weights_to_start_from_that_dont_fit_are_refused_before_logs_are_read(
+    fbench, tmp_path, monkeypatch, weights, code, said
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.onnx").write_text("no network")
+    (tmp_path / "a.mcap").write_text("no log")
+    result = fbench("weights", "train", "a.mcap", "-o", "a.onnx", "--weights", weights)
+    assert (result.code, result.err.count("\n")) == (code, 1)
+    assert said in result.err
+
+
+@with_torch
 @pytest.mark.slow
 def test_it_says_where_it_goes_on(fbench, tmp_path):
     log, out = tmp_path / "a.mcap", tmp_path / "a.onnx"
@@ -78,6 +97,14 @@ def test_it_says_where_it_goes_on(fbench, tmp_path):
     assert result.code == 0, result.err
     assert "goes on from step 1" in result.out
     assert not (tmp_path / "a.checkpoint").exists()
+
+
+@with_torch
+def test_of_several_places_each_must_hold_logs(fbench, tmp_path):
+    write_city_log(tmp_path / "a.mcap", 0.2)
+    result = fbench("weights", "train", str(tmp_path), str(tmp_path / "b"), "-o", str(tmp_path / "a.onnx"))
+    assert result.code == 2
+    assert f"{tmp_path / 'b'}: no such folder" in result.err
 
 
 @with_torch
@@ -112,13 +139,16 @@ def test_networks_for_points_are_trained_from_logs(fbench, tmp_path):
     log.parent.mkdir()
     made = ("log", "simulate", "urban", "--seconds", "0.2", "--sensors", "camera,lidar,radar", "-o", str(log))
     assert fbench(*made).code == 0
+    rates = {"rgbd": 1.0e-3, "learned3d": 0.5e-3}  # a quarter of the recipes'
     for model, used in (
         ("rgbd", ("-p", "early2d", "--set", "detector=rgbd", "--set")), ("learned3d", ("-p", "learned3d", "--set")),
     ):  # fmt: skip
         out = tmp_path / f"{model}.onnx"
         train = ("weights", "train", str(log.parent), "--model", model, "-o", str(out), "--steps", "2")
-        result = fbench(*train, "--threads", "1")
+        result = fbench(*train, "--threads", "1", "--weights", "auto")
         assert result.code == 0, result.err
+        card = json.loads(out.with_suffix(".json").read_text())
+        assert (len(card["first_weights_sha256"]), card["settings"]["learning_rate"]) == (64, rates[model])
         name = "rgbd.weights" if model == "rgbd" else "network.weights"
         replayed = fbench("replay", str(log), *used, f"{name}={out}", "-o", str(tmp_path / model))
         assert replayed.code == 0, replayed.err
