@@ -166,7 +166,7 @@ def test_only_frames_that_are_wanted(astyx_folder: Path) -> None:
     assert {m.frame_number for m in reader.messages()} == {8}
     assert [t.frame_number for t in reader.truths()] == [8]
     assert reader.info.log_id != open_log(whole.path, FaultLog()).info.log_id
-    with pytest.raises(LogError, match=r"lidar_vlp16: no frames"):
+    with pytest.raises(LogError, match=r"lidar_vlp16: no frame 11:, there are 7 to 10$"):
         import_one(Astyx(), astyx_folder, log.path, ImportRequest((astyx_folder.name,), FrameRange(11)))
 
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from fbench.metrics.robustness.scenes import ScoredRun, change, pool, spaces_of
+from fbench.metrics.core.bootstrap import Bootstrap
+from fbench.metrics.robustness.scenes import ScoredRun, change, difference, pool, spaces_of
 from fbench.replay.data.scores import Score
 
 IMAGE, GROUND = "iou 0.5, within 50 m", "bev 2 m, within 50 m, in view"
@@ -66,6 +67,15 @@ def test_other_classes_and_slices_play_no_part():
     other = Score("f1", "car", "all", IMAGE, 1.0, None, "1", {"tp": 5, "fp": 0, "fn": 0})
     part = Score("f1", "vehicle", "range 0-10 m", IMAGE, 1.0, None, "1", {"tp": 5, "fp": 0, "fn": 0})
     assert pool([run(other, part, f1(1, 0, 1))], "f1", "image").counts["tp"] == 1
+
+
+@pytest.mark.parametrize(("metric", "head", "base"), [("f1", 8 / 10, 6 / 7.5), ("mota", 1 - 4 / 10, 1 - 6 / 10)])
+def test_difference_is_of_the_metric_on_scenes_that_both_have(metric, head, base):
+    one = [run(f1(8, 2, 2), mota(10, 2, 2, 0))]
+    other = [run(f1(6, 1, 2), mota(10, 4, 2, 0)), run(f1(0, 9, 9), mota(10, 10, 0, 0), scene="highway-1")]
+    figure = difference(one, other, "image", Bootstrap(), metric)
+    assert figure.value == pytest.approx(head - base)
+    assert (figure.low, figure.high) == (None, None), "one scene is too few for an interval"
 
 
 def test_change_is_relative_to_clear():
