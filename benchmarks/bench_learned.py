@@ -1,7 +1,7 @@
 """F1 and MOTA of a suite's pipelines by weather, and how far they are ahead of one another, with intervals over drives.
 
     fbench bench benchmarks/learned3d.toml -o runs/learned --jobs 2
-    python benchmarks/bench_learned.py runs/learned [--base camera2d,late2d] [--resamples 3000]
+    python benchmarks/bench_learned.py runs/learned --base lidar3d,late3d [--resamples 3000]
 
 The suite's logs are named WORLD-WEATHER-SEED, as the city names them; world and seed are the drive, of which every
 weather is a log. Prints tables in Markdown, in 3D where a pipeline's boxes are scored there, else in the image.
@@ -59,11 +59,13 @@ def print_table(title: str, weathers: Sequence[str], rows: Mapping[str, Sequence
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--base", default="camera2d", help="pipelines to which the others are compared")
+    parser.add_argument("--base", required=True, help="pipelines to which the others are compared")
     parser.add_argument("--resamples", type=int, default=3000)
     asked = parser.parse_args()
     runs, how = read_runs(asked.folder), Bootstrap(num=asked.resamples)
     names = list(dict.fromkeys(name for name, _ in runs))
+    if unknown := set(asked.base.split(",")) - set(names):
+        parser.error(f"--base: no {', '.join(sorted(unknown))} in the suite, there are {', '.join(names)}")
     weathers = [*(weather for weather in dict.fromkeys(own for _, own in runs) if weather != ALL), ALL]
     spaces = {name: spaces_of(runs[name, ALL])[-1] for name in names}
     drives = {run.scene for own in runs.values() for run in own}

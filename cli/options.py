@@ -272,7 +272,8 @@ _EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "weights train": (
         "fbench log simulate training -o training",
         "fbench weights train training -o city.onnx",
-        "fbench weights train my_logs points --model learned3d --weights auto -o my.onnx",
+        "fbench log simulate training-points -o points",
+        "fbench weights train my-logs points --model learned3d --weights auto -o own.onnx",
         "fbench replay log.mcap -p camera2d --set camera.weights=city.onnx",
     ),
 }

@@ -64,7 +64,7 @@ def train(
         str | None,
         Option(
             metavar="FILE|auto",
-            help="Weights to start from, 'auto' are the built-in ones; a quarter of the steps then do.",
+            help="Weights to start from ('auto': the built-in ones); steps and learning rate default to a quarter.",
         ),
     ] = None,
     seed: Annotated[
@@ -94,10 +94,12 @@ def train(
     from fbench.pipelines.models.recipes import Recipe, TrainRequest
     from fbench.pipelines.models.weights import AUTO, resolve
 
-    first = AUTO if weights == AUTO else None if weights is None else resolve(expand_user(weights))
-    recipe = Recipe(TrainRequest(model, _find_logs(logs), seed, steps, device, threads, first))
+    start = AUTO if weights == AUTO else None if weights is None else resolve(expand_user(weights))
+    recipe = Recipe(TrainRequest(model, _find_logs(logs), seed, steps, device, threads, start))
     loop = recipe.loop
+    num_recorded = recipe.num_recorded
     num = format_count(len(loop.samples), "frame" if model == "learned3d" else "image")
+    num += f" ({num_recorded} recorded)" if 0 < num_recorded < len(loop.samples) else ""
     say(f"{num}, {format_count(loop.settings.steps, 'step')}, seed {loop.settings.seed}")
     say(*fault_lines([row for row in recipe.faults.rows() if row["behaviour"] == "count"]))
     checkpoint = out.with_suffix(".checkpoint")
@@ -221,14 +223,16 @@ def _count(blocks: Iterable[bytes], progress: Callable[[int], None]) -> Iterator
 def _find_logs(places: Iterable[Path]) -> Sequence[Path]:
     from fbench.replay.logs.open import find_logs
 
-    found = dict[Path, None]()
+    found = dict[Path, Path]()  # By where they are, as a log counts once however it is named
     for place in places:
+        hint = "" if place.suffix else f"; to make logs: fbench log simulate training -o {place}"
         if not place.exists():
-            raise ConfigError(f"{place}: no such folder; to make one: fbench log simulate training -o {place}")
+            raise ConfigError(f"{place}: no such file or folder{hint}")
         if not (own := find_logs(place)):
-            raise ConfigError(f"{place}: no logs in it; to make them: fbench log simulate training -o {place}")
-        found |= dict.fromkeys(own)
-    return list(found)
+            raise ConfigError(f"{place}: no logs in it{hint}")
+        for path in own:
+            found.setdefault(path.resolve(), path)
+    return list(found.values())
 
 
 def _reporter(progress: Callable[[int], None]) -> Callable[[int, float], None]:

@@ -105,8 +105,10 @@ class AstyxRecording:
         for folder in (LIDAR, CALIBRATION):
             if not files[folder]:
                 path = self._source / folder
-                if there := importing.find_numbered(path, (_SUFFIXES[folder],), digits=6):
-                    raise LogError(f"{path}: no frame {self._request.frames}, there are {min(there)} to {max(there)}")
+                if numbers := importing.find_numbered(path, (_SUFFIXES[folder],), digits=6):
+                    raise LogError(
+                        f"{path}: no frame {self._request.frames}, there are {min(numbers)} to {max(numbers)}"
+                    )
                 raise LogError(f"{path}: no frames, expected files like 000001{_SUFFIXES[folder]}")
         return files
 

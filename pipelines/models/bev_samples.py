@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from fbench.pipelines.models.measured_logs import measure_log
-from fbench.pipelines.models.samples import gather, make_ahead
+from fbench.pipelines.models.samples import by_kind, gather
 from fbench.pipelines.models.settings import LoopSettings, chances
+from fbench.pipelines.models.views import make_ahead
 from fbench.pipelines.sensors.bev.decoding import CLASSES
 from fbench.pipelines.sensors.bev.grid import REACH_M, SLICES_M, BevPoints
 from fbench.pipelines.sensors.points.merged import viewpoint
@@ -65,13 +66,14 @@ def bev_samples(logs: Sequence[Path], threads: int, faults: FaultLog) -> list[Be
     """
     with ThreadPoolExecutor(threads, "fbench-logs") as pool:
         found = gather(pool.map(_read_log, logs), faults)
-    if not any((sample.class_id >= 0).any() for sample in found):
-        raise LogError(f"no frame with 3D truth labeled {', '.join(CLASSES)} in these logs: nothing to learn from")
     least = BevSettings.least_points
-    if not any((judge_boxes(one.points, one.boxes, one.class_id, least).class_id >= 0).any() for one in found):
-        raise LogError(
-            "no 3D truth in these logs holds points or echoes: nothing to learn from; is the calibration right?"
-        )
+    for where, own in by_kind(found):
+        if not any((sample.class_id >= 0).any() for sample in own):
+            raise LogError(f"no frame with 3D truth labeled {', '.join(CLASSES)} in {where}: nothing to learn from")
+        if not any((judge_boxes(one.points, one.boxes, one.class_id, least).class_id >= 0).any() for one in own):
+            raise LogError(
+                f"no 3D truth in {where} holds points or echoes: nothing to learn from; is the calibration right?"
+            )
     return found
 
 
@@ -229,7 +231,7 @@ class BevBatcher:
 
     def __post_init__(self) -> None:
         is_recorded = [sample.is_recorded for sample in self.samples]
-        chance = chances(np.ones(len(is_recorded)), is_recorded, self.settings.recorded)
+        chance = chances(np.ones(len(is_recorded)), is_recorded, self.settings.recorded_share)
         object.__setattr__(self, "_chance", chance if len(set(is_recorded)) == 2 else None)
 
     def batches(self, first: int, last: int) -> Iterator[list[BevView]]:

@@ -5,7 +5,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any, Generic, Protocol, TypeVar
@@ -14,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
-from fbench.pipelines.models.onnx_files import take_weights
+from fbench.pipelines.models.onnx_files import FirstWeights, load_weights
 from fbench.pipelines.models.settings import LoopSettings
 from fbench.replay.contracts.errors import ConfigError
 
@@ -40,7 +39,7 @@ Batch = TypeVar("Batch")
 @dataclass(eq=False)
 class Loop(ABC, Generic[Example, Settings, Network, Batch]):
     """A network under way, made and judged by a subclass. Raises ConfigError where a checkpoint is of other settings or
-    samples, ModelError where the first weights are of another network. One machine, device and number of threads give
+    samples, ModelError where it starts from weights of another network. One machine, device and number of threads give
     the same weights each time.
     """
 
@@ -48,13 +47,13 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
     settings: Settings
     device: str = "cpu"
     threads: int = 2  # That make the batches
-    weights: Path | None = None  # File with the first weights; with none they are random
+    weights: FirstWeights | None = None  # With none, they are random
 
     def __post_init__(self) -> None:
         torch.manual_seed(self.settings.seed)
         network = self.make_network()
         if self.weights is not None:
-            take_weights(network, self.weights)
+            load_weights(network, self.weights)
         self.network = network.to(self.device, memory_format=torch.channels_last)
         self.averaged = copy.deepcopy(self.network).eval()
         weights = [p for p in self.network.parameters() if p.ndim > 1]  # they decay, biases and scales don't
@@ -96,7 +95,7 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
         for group in self._optimizer.param_groups:
             group["lr"] = _rate(self.step, self.settings)
         self.network.train()
-        if self.weights is not None:  # that hold what normalization does
+        if self.weights is not None:  # which include batch normalization
             for part in self.network.modules():
                 if isinstance(part, nn.BatchNorm2d):
                     part.eval()
@@ -137,7 +136,7 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
         return {
             "settings": repr(self.settings), "samples": " ".join(sample.name for sample in self.samples),
             "device": self.device, "threads": str(self.threads), "version of torch": str(torch.__version__),
-            "first weights": "none" if self.weights is None else sha256(self.weights.read_bytes()).hexdigest(),
+            "weights to start from": "none" if self.weights is None else self.weights.sha256,
         }  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from fbench.pipelines.models.samples import Sample, can_decode, gather, make_sample, require_objects
+from fbench.pipelines.models.samples import Sample, by_kind, can_decode, gather, make_sample, require_objects
 from fbench.pipelines.sensors.bev.grid import BevPoints
 from fbench.pipelines.sensors.bev.stage import BevInput, BevMeasurement
 from fbench.pipelines.sensors.camera.channels import project_points
@@ -64,8 +64,11 @@ def rgbd_samples(logs: Sequence[Path], threads: int, faults: FaultLog) -> list[S
     """
     with ThreadPoolExecutor(threads, "fbench-logs") as pool:
         found = require_objects(gather(pool.map(_pair_images, logs), faults))
-    if not any(len(one.points.lidar) or len(one.points.radar) for one in found):
-        raise LogError("no point or echo lies in any image of these logs: nothing to learn; is the calibration right?")
+    for where, own in by_kind(found):
+        if not any(len(one.points.lidar) or len(one.points.radar) for one in own):
+            raise LogError(
+                f"no point or echo lies in any image of {where}: nothing to learn; is the calibration right?"
+            )
     return found
 
 

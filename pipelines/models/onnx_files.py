@@ -3,14 +3,18 @@
 import io
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 import onnx
 import torch
 from google.protobuf.message import DecodeError
+from onnx import numpy_helper
 from torch import Tensor, nn
 
+from fbench.pipelines.sensors.camera.model import read_model
 from fbench.replay.contracts.errors import ModelError
 
 
@@ -37,40 +41,73 @@ def save(model: onnx.ModelProto, path: Path, card: Mapping[str, str]) -> None:
     part.replace(path)
 
 
-def take_weights(network: nn.Module, path: Path) -> None:
-    """Give a network the weights of a file that was made of such a network. The file's convolutions hold what
-    normalization did to their outputs; that of the network does nothing from then on. Raises ModelError where the file
-    can't be read, or was made of another network.
+@dataclass(frozen=True)
+class FirstWeights:
+    """The file from which a training starts, as it was before the training."""
+
+    path: Path
+    content: bytes
+
+    @property
+    def sha256(self) -> str:
+        """Of the content."""
+        return sha256(self.content).hexdigest()
+
+
+def read_weights(path: Path) -> FirstWeights:
+    """Read an ONNX file. Raises ConfigError where it can't be read, ModelError where it isn't one, or refers to other
+    files.
     """
     try:
-        model = onnx.load(str(path))
-    except OSError as error:
-        raise ModelError(f"{path}: can't be read ({error.strerror})") from error
-    except DecodeError as error:
-        raise ModelError(f"{path}: no ONNX file, or a damaged one") from error
-    values = {one.name: onnx.numpy_helper.to_array(one) for one in model.graph.initializer}
-    for node in model.graph.node:
-        if node.op_type == "Identity" and node.input[0] in values:  # what several share is in the file once
-            values[node.output[0]] = values[node.input[0]]
-    found = [[values.get(name) for name in node.input[1:]] for node in model.graph.node if node.op_type == "Conv"]
-    own = _in_order(network)
-    shapes = [[None if value is None else value.shape for value in pair] for pair in found]
-    if shapes != [[tuple(conv.weight.shape), (conv.out_channels,)] for conv in own]:
-        raise ModelError(f"{path}: made of another network than the one to be trained")
+        return FirstWeights(path, read_model(path))
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from error
+
+
+def load_weights(network: nn.Module, weights: FirstWeights) -> None:
+    """Give a network the weights of a file that was exported from such a network. In the file, convolutions include
+    batch normalization, so that of the network becomes the identity plus a shift. Raises ModelError where the file is
+    damaged, or was exported from another network.
+    """
+    try:
+        graph = onnx.load_model_from_string(weights.content).graph
+        tensors = {one.name: one for one in graph.initializer}
+        for node in graph.node:
+            if node.op_type == "Identity" and node.input[:1] and node.input[0] in tensors:
+                tensors[node.output[0]] = tensors[node.input[0]]  # what several share is in the file once
+        found = [[tensors.get(name) for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
+        shapes = [[() if one is None else tuple(one.dims) for one in pair] for pair in found]
+        convs = _in_order(network)
+        if graph.node and shapes != [[tuple(conv.weight.shape), (conv.out_channels,)] for conv in convs]:
+            raise ModelError(f"{weights.path}: weights of another network than the one to be trained (--model)")
+        values = [[_read_floats(one) for one in pair if one is not None] for pair in found]
+    except (DecodeError, ValueError, IndexError) as error:
+        raise ModelError(f"{weights.path}: damaged, or not an ONNX file") from error
+    if not values:
+        raise ModelError(f"{weights.path}: damaged, or not an ONNX file")
     norms = {
         part[0]: part[1]
         for part in network.modules()
         if isinstance(part, nn.Sequential) and len(part) > 1 and isinstance(part[1], nn.BatchNorm2d)
     }
     with torch.no_grad():
-        for conv, (weight, bias) in zip(own, found, strict=True):
-            conv.weight.copy_(torch.from_numpy(np.array(weight)))
+        for conv, (weight, bias) in zip(convs, values, strict=True):
+            conv.weight.copy_(weight)
             norm = norms.get(conv)
             if norm is not None:
                 norm.reset_parameters()
                 norm.running_var.fill_(1 - norm.eps)
-            shift = conv.bias if norm is None else norm.bias
-            shift.copy_(torch.from_numpy(np.array(bias)))
+            (conv.bias if norm is None else norm.bias).copy_(bias)
+
+
+def _read_floats(tensor: onnx.TensorProto) -> Tensor:
+    """Raises ValueError where a tensor doesn't hold as many finite numbers of single precision as it says."""
+    if tensor.data_type != onnx.TensorProto.FLOAT:
+        raise ValueError("not of single precision")
+    values = np.array(numpy_helper.to_array(tensor))
+    if not np.isfinite(values).all():
+        raise ValueError("not finite")
+    return torch.from_numpy(values)
 
 
 def _in_order(network: nn.Module) -> list[nn.Conv2d]:

@@ -19,16 +19,17 @@ class LoopSettings:
     weight_decay: float = 0.02
     average: float = 0.9985  # How much of the averaged weights each step keeps; these are the ones that are exported.
     checkpoint_every: int = 100  # Steps.
-    recorded: float = 0.5  # Share of views of recordings, where logs of the simulated city are there, too
+    recorded_share: float = 0.5  # Of views, from recordings where there are simulated logs, too
 
 
-def chances(weight: Float64, is_recorded: Sequence[bool], recorded: float) -> Float64:
-    """How likely each of S samples is to be drawn: by its weight (S,), recordings together with the chance `recorded`
-    where there are others, too.
+def chances(weight: Float64, is_recorded: Sequence[bool], recorded_share: float) -> Float64:
+    """Return the probability (S,) that each sample is drawn: by its weight (S,), but recordings together have the given
+    share where there are others, too.
     """
-    real = np.array(is_recorded, np.bool_)
+    recorded = np.array(is_recorded, np.bool_)
     weight = weight / weight.sum()
-    share = float(weight[real].sum())
-    if real.all() or not real.any():
+    if recorded.all() or not recorded.any():
         return weight
-    return np.asarray(np.where(real, weight * recorded / share, weight * (1 - recorded) / (1 - share)), np.float64)
+    own = float(weight[recorded].sum())
+    factor = np.where(recorded, recorded_share / own, (1 - recorded_share) / (1 - own))
+    return np.asarray(weight * factor, np.float64)

@@ -10,7 +10,8 @@ from torch.nn import functional
 
 from fbench.pipelines.models.loop import Loop
 from fbench.pipelines.models.network import CityDetector, cell_strides, cells
-from fbench.pipelines.models.samples import CLASSES, Batcher, RgbdSettings, Sample, TrainingSettings, View
+from fbench.pipelines.models.samples import CLASSES, RgbdSettings, Sample, TrainingSettings
+from fbench.pipelines.models.views import Batcher, View
 from fbench.pipelines.sensors.camera.channels import NUM_CHANNELS
 from fbench.replay.data.arrays import Array
 

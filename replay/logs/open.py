@@ -92,7 +92,7 @@ def open_container(path: Path, faults: FaultLog) -> Container:
 
 def find_logs(place: Path) -> list[Path]:
     """Return a log itself, or the logs in a folder, sorted by name."""
-    if place.is_file() or _is_log_folder(place):
+    if not place.is_dir() or _is_log_folder(place):
         return [place]
     return sorted(path for path in place.iterdir() if path.suffix in _SUFFIXES or _is_log_folder(path))
 

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 
 import pytest
 from tests.city_log import write_city_log
@@ -22,7 +23,8 @@ def test_without_torch_it_says_what_to_install(fbench, tmp_path):
 @pytest.mark.parametrize(
     ("folder", "out", "options", "said"),
     [
-        ("none", "a.onnx", (), "no such folder; to make one: fbench log simulate training -o"),
+        ("none", "a.onnx", (), "no such file or folder; to make logs: fbench log simulate training -o"),
+        ("none.mcap", "a.onnx", (), "none.mcap: no such file or folder\n"),
         (".", "a.onnx", (), "no logs in it"),
         (".", "a.pt", (), "expected a name that ends in .onnx"),
         (".", "/dev/null/a.onnx", (), "can't be written (Not a directory"),
@@ -64,7 +66,7 @@ def test_nothing_is_replaced_unasked(fbench, tmp_path, there):
 @pytest.mark.parametrize(
     ("weights", "code", "said"),
     [
-        ("none.onnx", 3, "none.onnx: can't be read"), ("text.onnx", 3, "text.onnx: no ONNX file"),
+        ("none.onnx", 2, "none.onnx: weights can't be read"), ("text.onnx", 3, "text.onnx: not an ONNX file"),
         ("learned3d", 2, "unknown weights 'learned3d'"),
     ],
 )  # fmt: skip
@@ -104,7 +106,15 @@ def test_of_several_places_each_must_hold_logs(fbench, tmp_path):
     write_city_log(tmp_path / "a.mcap", 0.2)
     result = fbench("weights", "train", str(tmp_path), str(tmp_path / "b"), "-o", str(tmp_path / "a.onnx"))
     assert result.code == 2
-    assert f"{tmp_path / 'b'}: no such folder" in result.err
+    assert f"{tmp_path / 'b'}: no such file or folder" in result.err
+
+
+@with_torch
+def test_what_is_no_file_isnt_waited_for(fbench, tmp_path):
+    os.mkfifo(tmp_path / "a.mcap")
+    result = fbench("weights", "train", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "a.onnx"))
+    assert (result.code, result.err.count("\n")) == (3, 1)
+    assert "a.mcap: not a regular file" in result.err
 
 
 @with_torch
@@ -122,14 +132,20 @@ def test_a_trained_file_is_a_detector(fbench, tmp_path):
     log.parent.mkdir()
     assert fbench("log", "simulate", "urban", "--seconds", "0.2", "--sensors", "camera", "-o", str(log)).code == 0
     out = tmp_path / "a.onnx"
-    result = fbench("weights", "train", str(log), "-o", str(out), "--steps", "2", "--threads", "1")
+    (tmp_path / "other").symlink_to(log.parent)
+    logs = (str(log), str(log.parent), str(tmp_path / "other" / "a.mcap"))
+    result = fbench("weights", "train", *logs, "-o", str(out), "--steps", "2", "--threads", "1")
     assert result.code == 0, result.err
     card = json.loads((tmp_path / "a.json").read_text())
-    assert (card["threads"], len(card["samples_sha256"])) == (1, 64)
+    assert (card["threads"], len(card["samples_sha256"]), card["weights_sha256"]) == (1, 64, None)
+    assert (card["logs"], card["recorded_samples"]) == (["a.mcap"], 0), "one log, however often it is named"
     assert f"weights: {out}" in result.out.replace("\n", "")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.onnx", "logs"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.onnx", "logs", "other"]
     replayed = fbench("replay", str(log), "-p", "camera2d", "--set", f"camera.weights={out}", "-o", str(tmp_path / "r"))
     assert replayed.code == 0, replayed.err
+    again = fbench("weights", "train", str(log), "-o", str(out), "--weights", str(out), "--steps", "1", "--overwrite")
+    assert again.code == 0, again.err
+    assert json.loads((tmp_path / "a.json").read_text())["weights_sha256"] == card["sha256"], "that of before"
 
 
 @with_torch
@@ -148,7 +164,7 @@ def test_networks_for_points_are_trained_from_logs(fbench, tmp_path):
         result = fbench(*train, "--threads", "1", "--weights", "auto")
         assert result.code == 0, result.err
         card = json.loads(out.with_suffix(".json").read_text())
-        assert (len(card["first_weights_sha256"]), card["settings"]["learning_rate"]) == (64, rates[model])
+        assert (len(card["weights_sha256"]), card["settings"]["learning_rate"]) == (64, rates[model])
         name = "rgbd.weights" if model == "rgbd" else "network.weights"
         replayed = fbench("replay", str(log), *used, f"{name}={out}", "-o", str(tmp_path / model))
         assert replayed.code == 0, replayed.err

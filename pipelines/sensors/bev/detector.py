@@ -86,7 +86,7 @@ def warn_of_other_world(params: BevParams, log_info: LogInfo) -> tuple[Fault, ..
         return ()
     text = (
         "network: the built-in one knows the simulated city alone; train one on logs such as this: "
-        "fbench weights train LOGS --model learned3d --weights auto"
+        "fbench weights train LOGS --model learned3d --weights auto -o own.onnx"
     )
     return (Fault("PRD007", text),)
 

@@ -105,10 +105,9 @@ _ORT = "EPFail Fail InvalidArgument InvalidGraph InvalidProtobuf NoSuchFile NotI
 ORT_ERRORS = (*(getattr(onnxruntime_pybind11_state, name) for name in _ORT.split()), RuntimeError, ValueError)
 
 
-def load(path: Path, threads: int) -> Any:
-    """Open weights on the device that was chosen, see `contracts.devices`. Raises ConfigError where the file is
-    missing, or the device can't be used. Raises ModelError where it isn't an ONNX model, refers to other files, or
-    can't be run.
+def read_model(path: Path) -> bytes:
+    """Return the content of an ONNX file. Raises ConfigError where it can't be read, ModelError where it isn't one, or
+    refers to other files.
     """
     try:
         if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
@@ -120,6 +119,14 @@ def load(path: Path, threads: int) -> Any:
         raise ConfigError(f"{path}: weights can't be read ({error})") from error
     if refers_to_files(data):
         raise ModelError("the model keeps weights in other files, export it as one file")
+    return data
+
+
+def load(path: Path, threads: int) -> Any:
+    """Open weights on the device that was chosen, see `contracts.devices`. Raises ConfigError where the device can't be
+    used, ModelError where the weights can't be run, and what `read_model` raises.
+    """
+    data = read_model(path)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,14 @@ torch = pytest.importorskip("torch", reason="torch is an extra")
 pytest.importorskip("onnx", reason="onnx is an extra")
 
 from fbench.pipelines.models.bev_network import BevNetwork, export  # noqa: E402
-from fbench.pipelines.models.bev_samples import BevSample, BevSettings, bev_samples, count_inside, view  # noqa: E402
+from fbench.pipelines.models.bev_samples import (  # noqa: E402
+    BevBatcher,
+    BevSample,
+    BevSettings,
+    bev_samples,
+    count_inside,
+    view,
+)
 from fbench.pipelines.models.bev_train import BevTraining  # noqa: E402
 from fbench.pipelines.sensors.bev.grid import NUM_CHANNELS, SIDE, BevPoints  # noqa: E402
 from fbench.pipelines.sensors.camera.model import load  # noqa: E402
@@ -55,6 +64,22 @@ def test_what_nothing_is_seen_of_need_not_be_found(made):
     shown = view(empty, settings, generator(1, "view", 0, 0))
     assert len(shown.points.radar) == 0
     assert shown.class_id.tolist() == [-1], "two points, and no echoes"
+
+
+def test_half_of_the_views_are_of_recordings_beside_simulated_logs(made):
+    mixed = [replace(made[0], is_recorded=True), *made[1:] * 4]
+    settings = BevSettings(batch=8, turned=0.0, thinned=0.0, sensors=(1.0, 0.0, 0.0), scale=0.0)
+    views = [one for batch in BevBatcher(mixed, settings, 1).batches(0, 50) for one in batch]
+    recorded = [one.boxes[0, 0] == made[0].boxes[0, 0] for one in views]
+    assert np.mean(recorded) == pytest.approx(0.5, abs=0.08)
+
+
+def test_frames_of_one_kind_are_equally_likely(made):
+    settings = BevSettings(batch=8, turned=0.0, thinned=0.0, sensors=(1.0, 0.0, 0.0), scale=0.0)
+    for own in (made, [replace(one, is_recorded=True) for one in made]):
+        (batch,) = BevBatcher(own, settings, 1).batches(3, 4)
+        drawn = generator(settings.seed, "samples", 3).choice(3, 8)
+        assert [float(one.boxes[0, 0]) for one in batch] == [10.0 + index for index in drawn]
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 40.0])

@@ -9,6 +9,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, Truth
+from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.logs.containers.mcap.write import McapWriter
 
@@ -19,8 +20,9 @@ RIG = Rig(
 )
 
 
-def write(path: Path, truth_ns: tuple[int, ...], rows: slice = slice(None)) -> Path:
-    with McapWriter(path, LogInfo("made", log_id="made-1"), RIG) as log:
+def write(path: Path, truth_ns: tuple[int, ...], rows: slice = slice(None), simulated: bool = False) -> Path:
+    info = LogInfo("made", log_id="made-1", metadata={SIMULATED: "city 1"} if simulated else {})
+    with McapWriter(path, info, RIG) as log:
         for stamp_ns in (100, 200):
             for camera in ("front", "rear"):
                 pixels = np.zeros((48, 64, 3), np.uint8)
@@ -57,6 +59,17 @@ def test_images_without_truth_teach_nothing(tmp_path):
 def test_logs_without_any_are_refused(tmp_path):
     with pytest.raises(LogError, match="nothing to learn from"):
         samples([write(tmp_path / "a.mcap", ())], FaultLog())
+
+
+def test_recordings_and_simulated_logs_are_told_apart(tmp_path):
+    logs = [write(tmp_path / "a.mcap", (100,), simulated=True), write(tmp_path / "b.mcap", (100, 200))]
+    assert [sample.is_recorded for sample in samples(logs, FaultLog())] == [False] * 2 + [True] * 4
+
+
+def test_recordings_without_objects_arent_hidden_by_simulated_logs(tmp_path):
+    logs = [write(tmp_path / "a.mcap", (100,), simulated=True), write(tmp_path / "b.mcap", (100,), slice(2, None))]
+    with pytest.raises(LogError, match=r"no box in the recordings has one of the labels .*: nothing to learn from$"):
+        samples(logs, FaultLog())
 
 
 def test_corrupt_images_are_left_out_and_counted(tmp_path):

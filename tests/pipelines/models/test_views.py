@@ -4,20 +4,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fbench.pipelines.models.samples import (
-    CLASSES,
-    INPUT_WH,
-    Batcher,
-    RgbdSettings,
-    Sample,
-    TrainingSettings,
-    View,
-    add_channels,
-    crop,
-    make_ahead,
-    rarity,
-    whole,
-)
+from fbench.pipelines.models.samples import CLASSES, INPUT_WH, RgbdSettings, Sample, TrainingSettings, rarity
+from fbench.pipelines.models.views import Batcher, View, add_channels, crop, make_ahead, whole
 from fbench.pipelines.sensors.camera.channels import ImagePoints
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image
@@ -154,6 +142,14 @@ def test_what_is_missing_is_blank(name, is_gone):
     assert [not drawn[..., channel].any() for channel in (3, 4)] == list(is_gone[1:])
     if name == "without_lidar":
         assert 0 < np.count_nonzero(drawn[..., 3]) < np.count_nonzero(full[..., 3]), "the echo's depth is left"
+
+
+def test_half_of_the_views_are_of_recordings_beside_simulated_logs():
+    sample, _ = made((40, 40, 120, 90), size_wh=(160, 120))
+    mixed = [replace(sample, class_id=np.array([2]), is_recorded=True), *[sample] * 9]
+    batcher = Batcher(mixed, TrainingSettings(wholes=4, whole_every=1))
+    drawn = [int(view.class_id[0]) == 2 for step in range(60) for view in batcher.batch(step)]
+    assert np.mean(drawn) == pytest.approx(0.5, abs=0.1)
 
 
 def test_what_is_made_ahead_comes_in_order():
