@@ -126,7 +126,7 @@ _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # of glibc's malloc.h
 
 
 def _keep_freed_memory() -> None:
-    """Have glibc keep what is freed: a fifth of a step on the CPU is the kernel's time for pages of new tensors."""
+    """Have glibc keep what is freed: new pages from the kernel took up to a fifth of forward and backward on a CPU."""
     if sys.platform == "linux":
         try:
             set_option = ctypes.CDLL(None).mallopt
