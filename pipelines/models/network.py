@@ -27,7 +27,7 @@ class Unit(nn.Sequential):
         super().__init__(
             nn.Conv2d(num_in, num_out, side, stride, side // 2, groups=groups, bias=False),
             nn.BatchNorm2d(num_out, eps=1e-3, momentum=0.03),
-            nn.SiLU(inplace=True),
+            nn.SiLU(),  # In place, it would copy its input for the gradient
         )
 
 
