@@ -1,9 +1,11 @@
 """The network of the city's camera detector, and its export to ONNX."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import numpy as np
 import onnx
 import torch
 from torch import Tensor, nn
@@ -11,6 +13,7 @@ from torch.nn import functional
 
 from fbench.pipelines.models.onnx_files import convert, save
 from fbench.pipelines.models.samples import CLASSES, INPUT_WH
+from fbench.replay.geometry.kernels import kernel
 
 STRIDES = (8, 16, 32)  # Pixels of the input between neighboring cells, level by level
 _STEM, _WIDTHS, _NECK = 24, (56, 96, 160), 64
@@ -20,12 +23,70 @@ _LARGEST = 4.0  # Of the logarithm of a side's distance in strides: 55 of 32 px 
 Levels: TypeAlias = Sequence[Tensor]
 
 
+class ChannelwiseConv(nn.Conv2d):
+    """A convolution of each channel by itself, with padding and without bias. On a CPU, PyTorch takes several times as
+    long as `correlate` for the gradient of its weights.
+    """
+
+    def __init__(self, width: int, side: int, stride: int) -> None:
+        super().__init__(width, width, side, stride, side // 2, groups=width, bias=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the convolved channels."""
+        if self.training and x.device.type == "cpu" and self.stride == (1, 1):
+            y: Tensor = _ChannelwiseFunction.apply(x, self.weight)
+            return y
+        return super().forward(x)
+
+
+class _ChannelwiseFunction(torch.autograd.Function):
+    """`ChannelwiseConv` with stride 1. What its input changes is the same with turned weights."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, weight: Tensor) -> Tensor:
+        ctx.save_for_backward(x, weight)
+        return functional.conv2d(x, weight, padding=weight.shape[-1] // 2, groups=len(weight))
+
+    @staticmethod
+    def backward(ctx: Any, *changes: Tensor) -> tuple[Tensor, Tensor]:
+        x, weight = ctx.saved_tensors
+        side = weight.shape[-1]
+        of_x = functional.conv2d(changes[0], weight.flip(2, 3), padding=side // 2, groups=len(weight))
+        return of_x, correlate(x, changes[0], side)
+
+
+def correlate(x: Tensor, change: Tensor, side: int) -> Tensor:
+    """Return the gradient (C, 1, `side`, `side`) of the weights of a channelwise convolution with stride 1, of its
+    input and its output's gradient (B, C, H, W). Images are added in their order, whatever the number of threads.
+    """
+    inputs, changes = (part.detach().permute(0, 2, 3, 1).contiguous().numpy() for part in (x, change))
+    sums = np.zeros((len(inputs), side, side, inputs.shape[3]), np.float32)
+    with ThreadPoolExecutor(torch.get_num_threads()) as pool:
+        list(pool.map(_correlate, inputs, changes, sums))
+    return torch.from_numpy(sums).sum(0).permute(2, 0, 1)[:, None].contiguous()
+
+
+@kernel
+def _correlate(x: np.ndarray, change: np.ndarray, sums: np.ndarray) -> None:
+    """Add to (s, s, C) what inputs (H, W, C) and the gradient of outputs (H, W, C) give at each offset."""
+    height, width, channels = x.shape
+    side = len(sums)
+    for row in range(height):
+        for i in range(max(0, side // 2 - row), min(side, height + side // 2 - row)):
+            for column in range(width):
+                for j in range(max(0, side // 2 - column), min(side, width + side // 2 - column)):
+                    for c in range(channels):
+                        sums[i, j, c] += x[row + i - side // 2, column + j - side // 2, c] * change[row, column, c]
+
+
 class Unit(nn.Sequential):
     """Convolution, batch normalization, SiLU (or nothing)."""
 
-    def __init__(self, num_in: int, num_out: int, side: int, stride: int = 1, groups: int = 1) -> None:
+    def __init__(self, num_in: int, num_out: int, side: int, stride: int = 1, *, channelwise: bool = False) -> None:
         super().__init__(
-            nn.Conv2d(num_in, num_out, side, stride, side // 2, groups=groups, bias=False),
+            ChannelwiseConv(num_in, side, stride)
+            if channelwise
+            else nn.Conv2d(num_in, num_out, side, stride, side // 2, bias=False),
             nn.BatchNorm2d(num_out, eps=1e-3, momentum=0.03),
             nn.SiLU(),  # In place, it would copy its input for the gradient
         )
@@ -35,7 +96,7 @@ class Separable(nn.Sequential):
     """A convolution a channel, then one over channels (Howard et al. 2017)."""
 
     def __init__(self, width: int, side: int = 3, stride: int = 1) -> None:
-        super().__init__(Unit(width, width, side, stride, groups=width), Unit(width, width, 1))
+        super().__init__(Unit(width, width, side, stride, channelwise=True), Unit(width, width, 1))
 
 
 class Residual(nn.Module):
