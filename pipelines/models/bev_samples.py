@@ -1,9 +1,8 @@
-"""Points and truth of a training of the bird's-eye network, and the inputs of each step."""
+"""Points and truth of a training of the bird's-eye network."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,12 +10,10 @@ import numpy as np
 
 from fbench.pipelines.models.measured_logs import measure_log
 from fbench.pipelines.models.samples import by_kind, gather
-from fbench.pipelines.models.settings import LoopSettings, chances
-from fbench.pipelines.models.views import make_ahead
+from fbench.pipelines.models.settings import LoopSettings
 from fbench.pipelines.sensors.bev.decoding import CLASSES
 from fbench.pipelines.sensors.bev.grid import REACH_M, SLICES_M, BevPoints
 from fbench.pipelines.sensors.points.merged import viewpoint
-from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
 from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
@@ -45,6 +42,8 @@ class BevSettings(LoopSettings):
     bands: tuple[int, ...] = (2, 3, 4, 5, 6, 8)  # Of these many neighboring channels, one is kept
     band_rad: float = 0.0069  # Between neighboring channels
     least_kept: float = 0.2  # Least share of points that are kept
+    cluttered: float = 0.8  # Share of views to which things are added that stand around, such as bushes and fences
+    clutter: float = 15.0  # Mean number of such things in a view
     least_points: int = 3  # With fewer points of LiDAR, and fewer than 2 standing echoes, nobody need find an object
 
 
@@ -171,36 +170,6 @@ _MARGIN_M = 0.15
 _LEAST_ECHOES = 2
 
 
-def view(sample: BevSample, settings: BevSettings, draw: np.random.Generator) -> BevView:
-    """Change a frame in ways that leave it a frame: turned, mirrored, scaled, thinned, without a kind of sensor."""
-    sensors = int(draw.choice(3, p=np.array(settings.sensors)))
-    points, boxes, eye = sample.points, sample.boxes.astype(np.float64), sample.eye.astype(np.float64)
-    lidar, radar = points.lidar.astype(np.float64), points.radar.astype(np.float64)
-    if sensors != 0 and len(lidar) and len(radar):
-        lidar, radar = (lidar, radar[:0]) if sensors == 1 else (lidar[:0], radar)
-    if draw.random() < settings.thinned:
-        lidar = _thin(lidar, eye, settings, draw)
-        radar = radar[draw.random(len(radar)) < draw.uniform(settings.least_kept, 1)]
-    if draw.random() < settings.turned:
-        angle = draw.uniform(-settings.turn_rad, settings.turn_rad)
-        rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        for rows in (lidar, radar, boxes):
-            rows[:, :2] = rows[:, :2] @ rotation
-        boxes[:, 7:] = boxes[:, 7:] @ rotation
-        boxes[:, 6] += angle
-    if draw.random() < 0.5:
-        for rows, columns in ((lidar, [1]), (radar, [1]), (boxes, [1, 6, 8])):
-            rows[:, columns] *= -1
-    scale, shift = 1 + settings.scale * draw.uniform(-1, 1), settings.shift_m * draw.uniform(-1, 1)
-    lidar *= scale
-    radar *= scale
-    boxes[:, [0, 1, 2, 3, 4, 5, 7, 8]] *= scale
-    for rows in (lidar, radar, boxes):
-        rows[:, 2] += shift
-    found = BevPoints(lidar.astype(np.float32), radar.astype(np.float32))
-    return judge_boxes(found, boxes.astype(np.float32), sample.class_id, settings.least_points)
-
-
 def judge_boxes(points: BevPoints, boxes: Float32, class_id: Int64, least_points: int) -> BevView:
     """Ignore objects of which next to nothing is seen, and tell whose speed can be known."""
     seen = count_inside(points.lidar, boxes, _MARGIN_M, 0.15)
@@ -208,38 +177,3 @@ def judge_boxes(points: BevPoints, boxes: Float32, class_id: Int64, least_points
     ids = np.where((seen >= least_points) | (echoes >= _LEAST_ECHOES), class_id, -1)
     known = (echoes > 0) & np.isfinite(boxes[:, 7])
     return BevView(points, np.nan_to_num(boxes), ids, known.astype(np.int64))
-
-
-def _thin(lidar: np.ndarray, eye: np.ndarray, settings: BevSettings, draw: np.random.Generator) -> np.ndarray:
-    """Keep one of several neighboring channels, or points by chance."""
-    if draw.random() < 0.6:
-        off = lidar - eye
-        band = np.floor(np.arctan2(off[:, 2], np.hypot(off[:, 0], off[:, 1])) / settings.band_rad).astype(np.int64)
-        of = int(draw.choice(settings.bands))
-        return lidar[band % of == int(draw.integers(of))]
-    return lidar[draw.random(len(lidar)) < draw.uniform(settings.least_kept, 1)]
-
-
-@dataclass(frozen=True)
-class BevBatcher:
-    """Draws which frames a step sees, and how."""
-
-    samples: Sequence[BevSample]
-    settings: BevSettings
-    threads: int = 2
-    _chance: Float64 | None = field(init=False)  # (S,) of the samples; `None` where all are equally likely
-
-    def __post_init__(self) -> None:
-        is_recorded = [sample.is_recorded for sample in self.samples]
-        chance = chances(np.ones(len(is_recorded)), is_recorded, self.settings.recorded_share)
-        object.__setattr__(self, "_chance", chance if len(set(is_recorded)) == 2 else None)
-
-    def batches(self, first: int, last: int) -> Iterator[list[BevView]]:
-        """Yield the batches of steps `first` to before `last`."""
-        return make_ahead(self._views, range(first, last), self.threads)
-
-    def _views(self, step: int) -> Iterator[partial[BevView]]:
-        seed, num = self.settings.seed, self.settings.batch
-        chosen = generator(seed, "samples", step).choice(len(self.samples), num, p=self._chance)
-        for place, index in enumerate(chosen.tolist()):
-            yield partial(view, self.samples[index], self.settings, generator(seed, "view", step, place))

@@ -9,7 +9,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from fbench.pipelines.models.bev_network import BevNetwork
-from fbench.pipelines.models.bev_samples import BevBatcher, BevSample, BevSettings, BevView
+from fbench.pipelines.models.bev_samples import BevSample, BevSettings, BevView
+from fbench.pipelines.models.bev_views import BevBatcher
 from fbench.pipelines.models.loop import Loop
 from fbench.pipelines.sensors.bev.decoding import (
     AXIS,

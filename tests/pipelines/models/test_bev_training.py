@@ -7,15 +7,9 @@ torch = pytest.importorskip("torch", reason="torch is an extra")
 pytest.importorskip("onnx", reason="onnx is an extra")
 
 from fbench.pipelines.models.bev_network import BevNetwork, export  # noqa: E402
-from fbench.pipelines.models.bev_samples import (  # noqa: E402
-    BevBatcher,
-    BevSample,
-    BevSettings,
-    bev_samples,
-    count_inside,
-    view,
-)
+from fbench.pipelines.models.bev_samples import BevSample, BevSettings, bev_samples, count_inside  # noqa: E402
 from fbench.pipelines.models.bev_train import BevTraining  # noqa: E402
+from fbench.pipelines.models.bev_views import BevBatcher, add_clutter, view  # noqa: E402
 from fbench.pipelines.sensors.bev.grid import NUM_CHANNELS, SIDE, BevPoints  # noqa: E402
 from fbench.pipelines.sensors.camera.model import load  # noqa: E402
 from fbench.replay.conditions.generators import generator  # noqa: E402
@@ -64,6 +58,32 @@ def test_what_nothing_is_seen_of_need_not_be_found(made):
     shown = view(empty, settings, generator(1, "view", 0, 0))
     assert len(shown.points.radar) == 0
     assert shown.class_id.tolist() == [-1], "two points, and no echoes"
+
+
+def test_clutter_stands_beside_boxes_and_leaves_the_rest_as_it_is(made):
+    points, boxes = made[0].points, made[0].boxes
+    found = [add_clutter(points, boxes, 40.0, generator(1, "clutter", place)) for place in range(20)]
+    for one in found:
+        lidar, radar = one.lidar[len(points.lidar) :], one.radar[len(points.radar) :]
+        assert np.array_equal(one.lidar[: len(points.lidar)], points.lidar)
+        assert np.array_equal(one.radar[: len(points.radar)], points.radar)
+        assert one.lidar.dtype == one.radar.dtype == np.float32
+        assert count_inside(lidar, boxes, 0.15, -1.0)[0] == count_inside(radar, boxes, 0.15, -1.0)[0] == 0
+        assert np.abs(radar[:, 3]).max(initial=0) < 1, "nothing of it moves"
+    ranges = np.concatenate([np.hypot(*one.lidar[len(points.lidar) :, :2].T) for one in found])
+    assert len(ranges) > 1000
+    assert 0.1 < np.mean(ranges < 12) < 0.95, "near and far"
+    assert len({len(one.lidar) for one in found}) > 10, "each view has its own"
+
+
+def test_clutter_adds_nothing_where_a_sensor_is_missing_or_none_is_wanted(made):
+    points, boxes = made[0].points, made[0].boxes
+    blind = add_clutter(BevPoints(points.lidar[:0], points.radar[:0]), boxes, 40.0, generator(1, "clutter"))
+    assert (len(blind.lidar), len(blind.radar)) == (0, 0)
+    same = add_clutter(points, boxes, 0.0, generator(1, "clutter"))
+    assert np.array_equal(same.lidar, points.lidar)
+    empty = add_clutter(points, boxes[:0], 40.0, generator(1, "clutter"))
+    assert len(empty.lidar) > len(points.lidar)
 
 
 def test_half_of_the_views_are_of_recordings_beside_simulated_logs(made):
