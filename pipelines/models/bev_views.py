@@ -1,4 +1,4 @@
-"""What each step of a training of the bird's-eye network sees: a function of the settings and the step alone."""
+"""Views for each step of a training of the bird's-eye network: a function of the settings and the step alone."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
