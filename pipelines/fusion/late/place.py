@@ -34,6 +34,7 @@ class Observations:
     lidar: Clusters
     radar: Clusters
     plane: Plane | None
+    learned: bool  # Whether a network detected in the LiDAR's points
     lidar_eye_m: Float64  # (2,) where the LiDARs look from [m]
     radar_eye_m: Float64  # (2,) where the radars do [m]
     standing_m: list[float]
@@ -113,7 +114,9 @@ def _lidar_label(lidar: Clusters, at: int) -> str:
 
 
 def _label_with_lidar(label: str, cameras: list[CameraObservation], seen: Observations, at: int) -> str:
-    """Label by camera, which knows classes better, unless LiDAR, which knows sizes, shows that it is larger."""
+    """Label by camera, which knows classes better, unless LiDAR, which knows sizes, shows that it is larger. Where a
+    network detected in the LiDAR's points, the surer of both labels.
+    """
     own = _lidar_label(seen.lidar, at)
     if not own or not label:
         return own or label
@@ -124,7 +127,7 @@ def _label_with_lidar(label: str, cameras: list[CameraObservation], seen: Observ
     is_too_large = bool(len(points)) and bool(np.ptp(along) > most.longest_m)
     if seen.plane is not None:
         is_too_large |= bool((points[:, 2] - seen.plane.z_m(points[:, :2]) > most.highest_m).any())
-    return own if is_too_large or (is_longer and is_surer) else label
+    return own if is_too_large or (is_surer and (is_longer or seen.learned)) else label
 
 
 def _lidar_shape(group: Association, seen: Observations, cameras: list[CameraObservation], label: str) -> _Shape | None:

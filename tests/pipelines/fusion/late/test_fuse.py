@@ -231,6 +231,15 @@ def test_a_surer_lidar_is_believed_that_a_vehicle_is_larger(by_lidar, score, by_
     assert fuse(seen(outline(box, label=by_camera), lidar), PARAMS).label.tolist() == [expected]
 
 
+@pytest.mark.parametrize(("score", "expected"), [(0.9, "bicycle"), (0.7, "motorcycle")])
+def test_the_surer_of_a_network_on_points_and_a_camera_names_the_class(score, expected):
+    box = car(15.0, 1.0, size=(1.8, 0.6, 1.7))
+    camera, lidar = outline(box, label="motorcycle"), named(lidar_view(box, score=score), "bicycle")
+    found = fuse(seen(camera, replace(lidar, learned=True)), PARAMS)
+    assert found.label.tolist() == [expected]
+    assert fuse(seen(camera, lidar), PARAMS).label.tolist() == ["motorcycle"]  # Clusters know sizes, not classes
+
+
 def test_radar_that_sees_the_rear_of_a_truck_does_not_pull_it_nearer():
     truck = car(30.0, size=(8.5, 2.6, 3.3))
     rear = car(30.0 - 8.5 / 2 + 4.2 / 2)  # what radar takes it for: a car behind the same side
