@@ -80,23 +80,23 @@ def _correlate(x: np.ndarray, change: np.ndarray, sums: np.ndarray) -> None:
 
 
 class Unit(nn.Sequential):
-    """Convolution, batch normalization, SiLU (or nothing)."""
+    """A convolution with batch normalization and activation."""
 
-    def __init__(self, num_in: int, num_out: int, side: int, stride: int = 1, *, channelwise: bool = False) -> None:
-        super().__init__(
-            ChannelwiseConv(num_in, side, stride)
-            if channelwise
-            else nn.Conv2d(num_in, num_out, side, stride, side // 2, bias=False),
-            nn.BatchNorm2d(num_out, eps=1e-3, momentum=0.03),
-            nn.SiLU(),  # In place, it would copy its input for the gradient
-        )
+    def __init__(self, num_in: int, num_out: int, side: int, stride: int = 1) -> None:
+        conv = nn.Conv2d(num_in, num_out, side, stride, side // 2, bias=False)
+        super().__init__(conv, *_normalize_and_activate(num_out))
 
 
 class Separable(nn.Sequential):
-    """A convolution a channel, then one over channels (Howard et al. 2017)."""
+    """A convolution of each channel, then one over channels (Howard et al. 2017)."""
 
     def __init__(self, width: int, side: int = 3, stride: int = 1) -> None:
-        super().__init__(Unit(width, width, side, stride, channelwise=True), Unit(width, width, 1))
+        conv = ChannelwiseConv(width, side, stride)
+        super().__init__(nn.Sequential(conv, *_normalize_and_activate(width)), Unit(width, width, 1))
+
+
+def _normalize_and_activate(width: int) -> tuple[nn.BatchNorm2d, nn.SiLU]:
+    return nn.BatchNorm2d(width, eps=1e-3, momentum=0.03), nn.SiLU()  # In place, SiLU would copy its input
 
 
 class Residual(nn.Module):
