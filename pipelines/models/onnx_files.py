@@ -71,14 +71,15 @@ def load_weights(network: nn.Module, weights: FirstWeights) -> None:
     """
     try:
         graph = onnx.load_model_from_string(weights.content).graph
-        tensors = {one.name: one for one in graph.initializer}
-        for node in graph.node:
-            if node.op_type == "Identity" and node.input[:1] and node.input[0] in tensors:
-                tensors[node.output[0]] = tensors[node.input[0]]  # what several share is in the file once
-        found = [[tensors.get(name) for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
-        shapes = [[() if one is None else tuple(one.dims) for one in pair] for pair in found]
+        tensors = _index_tensors(graph)
+        nodes = [node for node in graph.node if node.op_type == "Conv"]
+        found = [[tensors.get(name) for name in node.input[1:]] for node in nodes]
+        shapes = [
+            [_read_strides(node), *(tuple(one.dims) if one else () for one in pair)]
+            for node, pair in zip(nodes, found, strict=True)
+        ]
         convs = _in_order(network)
-        if graph.node and shapes != [[tuple(conv.weight.shape), (conv.out_channels,)] for conv in convs]:
+        if graph.node and shapes != [[conv.stride, tuple(conv.weight.shape), (conv.out_channels,)] for conv in convs]:
             raise ModelError(f"{weights.path}: weights of another network than the one to be trained (--model)")
         values = [[_read_floats(one) for one in pair if one is not None] for pair in found]
     except (DecodeError, ValueError, IndexError) as error:
@@ -98,6 +99,20 @@ def load_weights(network: nn.Module, weights: FirstWeights) -> None:
                 norm.reset_parameters()
                 norm.running_var.fill_(1 - norm.eps)
             (conv.bias if norm is None else norm.bias).copy_(bias)
+
+
+def _index_tensors(graph: onnx.GraphProto) -> dict[str, onnx.TensorProto]:
+    """Return the values in a file by name; those that several nodes share are in it once."""
+    tensors = {one.name: one for one in graph.initializer}
+    for node in graph.node:
+        if node.op_type == "Identity" and node.input[:1] and node.input[0] in tensors:
+            tensors[node.output[0]] = tensors[node.input[0]]
+    return tensors
+
+
+def _read_strides(node: onnx.NodeProto) -> tuple[int, ...]:
+    """Of a convolution, in cells: 1 each way where it doesn't say."""
+    return next((tuple(one.ints) for one in node.attribute if one.name == "strides"), (1, 1))
 
 
 def _read_floats(tensor: onnx.TensorProto) -> Tensor:

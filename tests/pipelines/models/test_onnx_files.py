@@ -134,6 +134,18 @@ def test_what_is_no_file_of_such_a_network_is_refused(tmp_path):
         load_weights(make("rgbd", 1), read_weights(BUILTIN))
 
 
+def test_a_network_of_the_same_shapes_but_other_strides_is_refused(tmp_path):
+    path = write(make("camera", 1), "camera", tmp_path / "fine.onnx")
+    model = onnx.load(str(path))
+    first = next(node for node in model.graph.node if node.op_type == "Conv")
+    strides = next(one for one in first.attribute if one.name == "strides")
+    assert list(strides.ints) == [2, 2]
+    first.attribute.remove(strides)  # 1 each way
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(ModelError, match="weights of another network"):
+        load_weights(make("camera", 1), read_weights(path))
+
+
 def test_what_cant_be_read_is_refused(tmp_path):
     os.mkfifo(tmp_path / "fifo.onnx")
     (tmp_path / "folder.onnx").mkdir()
