@@ -142,7 +142,11 @@ def _probabilities(
     for w in witnesses:
         share = np.minimum(sensors.share(w.name, w.kind, distance) * w.could, params.max_detection)
         seen = np.where(shown, w.confirmed_odds, w.odds) + np.log(np.maximum(w.could, params.unlikely))
-        added = np.where(w.seen, seen, np.log1p(-share))
+        silent = np.log1p(-share)
+        if w.kind == "camera" and evidence.observations.learned:
+            # Weak boxes mostly lie in surer ones, which may hide what they show: they say no less than none would.
+            seen = np.maximum(seen, silent)
+        added = np.where(w.seen, seen, silent)
         if w.kind == "camera":
             seen_by.append(w.seen)
             added_by.append(added)
