@@ -121,24 +121,15 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
         rig=rig,
         working=tuple(sorted(views.cameras)),
         cameras=cameras,
-        lidar=observations.sort_clusters(lidar.xyz, lidar.cluster, _believe_network(lidar)),
+        lidar=observations.sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes),
         radar=of_radar,
         plane=lidar.plane,
-        learned=lidar.min_score is not None,
+        learned=lidar.learned,
         lidar_eye_m=viewpoint(rig, "lidar")[:2],
         radar_eye_m=viewpoint(rig, "radar")[:2],
         standing_m=_near_distances(rig, cameras, of_radar.loose, knows_height=False),
         obstacle_m=_near_distances(rig, cameras, lidar.xyz, knows_height=True),
     )
-
-
-def _believe_network(lidar: LidarView) -> Boxes3D:
-    """Return the boxes of a LiDAR; where a network detected them, their scores become probabilities."""
-    boxes = lidar.boxes
-    if lidar.min_score is None or boxes.score is None:
-        return boxes
-    probability = [observations.as_probability(score, lidar.min_score) for score in boxes.score.tolist()]
-    return replace(boxes, score=np.array(probability, np.float64))
 
 
 def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:

@@ -96,8 +96,7 @@ class LidarView:
     boxes: Boxes3D
     """One for each cluster. Judged by the model, with its likeliest class as label, and as score the probability that
     it is one road user; by rules, without labels, and the score says how much it looks like a passenger car."""
-    min_score: float | None = None
-    """From which score on a network that detected the boxes reports them [0 to 1]; `None`: none did."""
+    learned: bool = False  # Whether a network detected the boxes, whose classes are as good as a camera's
 
 
 def resolve_judge(params: LidarParams, log_info: LogInfo) -> LidarParams:
@@ -362,9 +361,8 @@ class LidarStage:
 
     def _detect_learned(self, network: Detector, found: Obstacles) -> LidarView:
         """Take what lies in the boxes of the network for clusters; boxes in which nothing lies are left out."""
-        least = self._params.network.min_score
         if found.plane is None:
-            return LidarView(None, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty(), least)
+            return LidarView(None, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty(), learned=True)
         boxes = network.detect(BevPoints(found.rows, NO_RADAR), found.plane, _LEAST_LEARNED)
         cluster = np.full(len(found.xyz), -1)
         half = boxes.size_lwh_m[:, :2] / 2 + _IN_M
@@ -377,7 +375,7 @@ class LidarStage:
         cluster[cluster >= 0] = np.searchsorted(kept, cluster[cluster >= 0])
         order = np.argsort(cluster, kind="stable")
         boxes = replace(boxes[kept], velocity_mps=None)
-        return LidarView(found.plane, found.xyz[order], cluster[order], boxes, least)
+        return LidarView(found.plane, found.xyz[order], cluster[order], boxes, learned=True)
 
     def warnings(self) -> tuple[Fault, ...]:
         """Say where nearly all clusters since the start were rejected, or the network is of another world."""

@@ -6,7 +6,6 @@ from tests.pipelines.fusion.views import car, lidar_view, outline, radar_view, s
 
 from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import fuse
-from fbench.pipelines.fusion.observations import AT_MIN_SCORE
 from fbench.replay.data.boxes import Boxes3D
 
 PARAMS = FusionParams(lidar_weight=1.0)
@@ -232,34 +231,22 @@ def test_a_surer_lidar_is_believed_that_a_vehicle_is_larger(by_lidar, score, by_
     assert fuse(seen(outline(box, label=by_camera), lidar), PARAMS).label.tolist() == [expected]
 
 
-@pytest.mark.parametrize(
-    ("score", "min_score", "expected"),
-    [(0.9, AT_MIN_SCORE, "bicycle"), (0.7, AT_MIN_SCORE, "motorcycle"), (0.7, 0.4, "bicycle")],
-)
-def test_the_surer_of_a_network_on_points_and_a_camera_names_the_class(score, min_score, expected):
-    """0.7 of a network that reports from 0.4 on means 0.81."""
+@pytest.mark.parametrize(("score", "expected"), [(0.9, "bicycle"), (0.7, "motorcycle")])
+def test_the_surer_of_a_network_on_points_and_a_camera_names_the_class(score, expected):
     box = car(15.0, 1.0, size=(1.8, 0.6, 1.7))
     camera, lidar = outline(box, label="motorcycle"), named(lidar_view(box, score=score), "bicycle")
-    found = fuse(seen(camera, replace(lidar, min_score=min_score)), PARAMS)
+    found = fuse(seen(camera, replace(lidar, learned=True)), PARAMS)
     assert found.label.tolist() == [expected]
     assert fuse(seen(camera, lidar), PARAMS).label.tolist() == ["motorcycle"]  # Clusters know sizes, not classes
 
 
-def test_scores_of_a_network_are_taken_for_what_its_least_score_means():
-    box = car(20.0, 2.0)
-    for score, means in ((0.4, AT_MIN_SCORE), (0.7, 0.8105), (1.0, 0.98)):
-        found = fuse(seen(None, replace(lidar_view(box, score=score), min_score=0.4)), PARAMS)
-        assert found.score == pytest.approx([means], abs=1e-4)
-    assert not len(fuse(seen(None, replace(lidar_view(box, score=0.2), min_score=0.4)), PARAMS))
-
-
 def test_a_hidden_car_that_a_network_sees_is_not_doubted_for_a_weak_box_in_that_of_the_car_in_front():
     front, hidden = car(12.0), car(19.0, 0.3)
-    lidar = replace(lidar_view(front, hidden, score=0.8), min_score=AT_MIN_SCORE)
+    lidar = replace(lidar_view(front, hidden, score=0.8), learned=True)
     alone, both = (fuse(seen(outline(*cars), lidar), PARAMS) for cars in ((front,), (front, hidden)))
     for found in (alone, both):
         assert found.score[np.argmax(found.center_m[:, 0])] == pytest.approx(0.8, abs=0.02)
-    by_clusters = fuse(seen(outline(front, hidden), replace(lidar, min_score=None)), replace(PARAMS, min_score=0.0))
+    by_clusters = fuse(seen(outline(front, hidden), replace(lidar, learned=False)), replace(PARAMS, min_score=0.0))
     assert by_clusters.score[np.argmax(by_clusters.center_m[:, 0])] < 0.4
 
 
