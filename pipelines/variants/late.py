@@ -108,7 +108,8 @@ class Late3DParams(AllSensorsParams):
 class Late3D(FusionPipeline[Boxes3D]):
     """Labeled boxes in 3D from any of cameras, LiDARs and radars; at least one LiDAR or radar must be there.
 
-    Each sensor detects on its own; their boxes are merged in space, and tracked. Objects without a camera's label are
+    Each sensor detects on its own (the network of `lidar.detector=learned` gets echoes, too); their boxes are merged in
+    space, and tracked. Objects without a camera's label are
     called cars, or trucks where they are long.
     """
 
@@ -136,8 +137,13 @@ class Late3D(FusionPipeline[Boxes3D]):
     def _detect(self, frame: Frame, clock: StageClock) -> Any:
         faults = list[Fault]()
         look = partial(self._cameras.view, faults=faults)
-        views = self._note(clock, *self._run(frame, clock, look, self._lidar.view, self._radar.view))
-        return views, tuple(faults)
+        if self._lidar.takes_echoes:
+            echoes = self._radar.echoes(frame, clock)
+            see = partial(self._lidar.view, frame, echoes=echoes)
+            seen = self._branches.run(clock, partial(look, frame), see, partial(self._radar.detect, echoes))
+        else:
+            seen = self._run(frame, clock, look, self._lidar.view, self._radar.view)
+        return self._note(clock, *seen), tuple(faults)
 
     def _combine(self, seen: tuple[tuple[Any, ...], tuple[Fault, ...]], clock: StageClock) -> Detected[Boxes3D]:
         (cameras, lidar, radar), faults = seen

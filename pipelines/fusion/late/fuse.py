@@ -79,9 +79,11 @@ class LateFusion:
         num = count_near(*xy, reach).astype(np.float64)
         standing = np.where(num >= _FEWEST, num, 0.0)
         probability = probabilities(Evidence(seen, groups, targets, standing), self._reliability, params)
+        of_lidar = seen.lidar.boxes.sources  # Those of a network may be by echoes
+        of_lidar = np.append(np.full(len(seen.lidar.boxes), int(Source.L)) if of_lidar is None else of_lidar, 0)
         sources = [
             (Source.C if group.cameras else 0)
-            | (Source.L if group.lidar >= 0 else 0)
+            | int(of_lidar[group.lidar])
             | (Source.R if group.radar >= 0 or num_echoes > 0 else 0)
             for group, num_echoes in zip(groups, standing.tolist(), strict=True)
         ]

@@ -35,6 +35,13 @@ def lidar_rows(xyz: Float64, height_m: Float64) -> Float32:
     return np.column_stack([xyz[:, :2], height_m]).astype(np.float32)
 
 
+def radar_rows(xyz: Float64, height_m: Float64, range_rate_mps: Float64) -> Float32:
+    """Rows of `BevPoints.radar` from echoes (M, 3) in body coordinates, their heights (M,) above ground [m], and range
+    rates (M,) over ground [m/s], NaN where they aren't known.
+    """
+    return np.column_stack([xyz[:, :2], height_m, np.nan_to_num(range_rate_mps)]).astype(np.float32)
+
+
 @kernel
 def _fill(lidar: Float32, radar: Float32, borders: Float32, image: Float32) -> None:
     reach, per_m, side = np.float32(REACH_M), PER_M, image.shape[1]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.pipelines.sensors.bev.detector import BevParams, Detector
-from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows
+from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows, radar_rows
 from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
 from fbench.pipelines.sensors.points.ground import Plane, find_ground
 from fbench.pipelines.sensors.points.merged import require
@@ -87,9 +87,8 @@ class BevInput:
                 height = xyz[:, 2] - self._plane.z_m(xyz) if seen.plane is None else seen.height_m
                 lidar = lidar_rows(xyz, height)
             if echoes is not None:
-                rate = np.nan_to_num(echoes.range_rate_mps)
                 height = echoes.xyz[:, 2] - self._plane.z_m(echoes.xyz)
-                radar = np.column_stack([echoes.xyz[:, :2], height, rate]).astype(np.float32)
+                radar = radar_rows(echoes.xyz, height, echoes.range_rate_mps)
         return BevPoints(lidar, radar), self._plane
 
 

@@ -6,17 +6,19 @@ from typing import Literal
 import numpy as np
 
 from fbench.pipelines.sensors.bev.detector import BevParams, Detector, open_detector, warn_of_other_world
-from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows
+from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows, radar_rows
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
 from fbench.pipelines.sensors.points import vehicle
 from fbench.pipelines.sensors.points.clustering import ClusterParams
 from fbench.pipelines.sensors.points.ground import GroundParams, Plane, find_ground
 from fbench.pipelines.sensors.points.merged import Deskew, Outline, body_pose, lidar_points, viewpoint
 from fbench.pipelines.sensors.points.vehicle import Footprints, OtherSizes, VehicleSize
+from fbench.pipelines.sensors.radar.stage import Compensated
+from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import DIGESTED, Bool, Float32, Float64, Int64
-from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo, Rig
@@ -64,13 +66,17 @@ class LidarParams(CheckedParams, prefix="lidar"):
     detector: Literal["clusters", "learned"] = "clusters"
     """Whether points are clustered and judged, or a bird's-eye network detects in them: clusters are then what lies in
     its boxes."""
-    network: BevParams = field(default_factory=BevParams)  # That network; `network.sensors` changes nothing.
+    network: BevParams = field(default_factory=BevParams)
+    """That network. With `network.sensors=both`, that of `late3d` gets the echoes of radars, too; elsewhere it gets
+    points of LiDARs alone."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         sizes = {"size": self.size, **{f"sizes.{name}": size for name, size in vars(self.sizes).items()}}
         for name, size in sizes.items():
             size.check(f"lidar.{name}")
+        if self.detector == "learned" and self.network.sensors == "radar":
+            raise ConfigError("lidar.network.sensors: must be both or lidar, for the network to get points of LiDARs")
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,6 +313,42 @@ _LEAST_LEARNED = 0.1  # What the network is less sure of isn't reported, for no 
 _IN_M = 0.2  # Points so far beside a box are still in it
 
 
+def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | None) -> LidarView:
+    """Take what lies in the boxes of the network for clusters: obstacles, or echoes where there are none.
+
+    Boxes in which nothing lies are left out; the others say as sources which sensors measured something there.
+    """
+    if found.plane is None:
+        return LidarView(None, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty(), learned=True)
+    radar, xyz = NO_RADAR, np.zeros((0, 3))
+    if echoes is not None:
+        xyz = echoes.xyz
+        radar = radar_rows(xyz, xyz[:, 2] - found.plane.z_m(xyz), echoes.range_rate_mps)
+    boxes = network.detect(BevPoints(found.rows, radar), found.plane, _LEAST_LEARNED)
+    by_lidar, by_radar = _boxes_around(found.xyz, boxes), _boxes_around(xyz, boxes)
+    has_points, has_echoes = (np.isin(np.arange(len(boxes)), numbers) for numbers in (by_lidar, by_radar))
+    echo_alone = np.flatnonzero((by_radar >= 0) & ~has_points[by_radar])
+    xyz, cluster = np.concatenate([found.xyz, xyz[echo_alone]]), np.concatenate([by_lidar, by_radar[echo_alone]])
+    kept = np.flatnonzero(has_points | has_echoes)
+    cluster[cluster >= 0] = np.searchsorted(kept, cluster[cluster >= 0])
+    order = np.argsort(cluster, kind="stable")
+    sources = (int(Source.L) * has_points + int(Source.R) * has_echoes).astype(np.uint8)
+    boxes = replace(boxes[kept], velocity_mps=None, sources=sources[kept])
+    return LidarView(found.plane, xyz[order], cluster[order], boxes, learned=True)
+
+
+def _boxes_around(xyz: Float64, boxes: Boxes3D) -> Int64:
+    """Number (N,) of the first of `boxes` around each of points (N, 3), as seen from above; -1 outside all."""
+    numbers = np.full(len(xyz), -1)
+    half = boxes.size_lwh_m[:, :2] / 2 + _IN_M
+    for number in range(len(boxes) - 1, -1, -1):  # the surest last, which then has them
+        offset, yaw = xyz[:, :2] - boxes.center_m[number, :2], boxes.yaw_rad[number]
+        along = np.abs(offset @ np.array([np.cos(yaw), np.sin(yaw)]))
+        across = np.abs(offset @ np.array([-np.sin(yaw), np.cos(yaw)]))
+        numbers[(along < half[number, 0]) & (across < half[number, 1])] = number
+    return numbers
+
+
 class LidarStage:
     """Remembers how the ground lies, for frames in which no LiDAR tells, and how the body moves."""
 
@@ -335,19 +377,26 @@ class LidarStage:
         if self._deskew is not None:
             self._deskew.note(body_pose(self._rig, frame), frame.stamp_ns)
 
-    def view(self, frame: Frame, clock: StageClock) -> LidarView:
-        """Detect in the points of one frame; without points nothing is seen. See `remember`."""
+    @property
+    def takes_echoes(self) -> bool:
+        """Whether `view` can use echoes of radars."""
+        return self._network is not None and self._network.sensors == "both"
+
+    def view(self, frame: Frame, clock: StageClock, echoes: Compensated | None = None) -> LidarView:
+        """Detect in the points of one frame, and in `echoes` of it, see `takes_echoes`; without points nothing is seen.
+        See `remember`.
+        """
         points = self.points(frame, clock)
         if points is None:
             return LidarView(None, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
         found = self.obstacles(points, clock)
         with clock.stage("detect.lidar"):
-            return self.detect(found)
+            return self.detect(found, echoes)
 
-    def detect(self, found: Obstacles) -> LidarView:
-        """Detect in obstacles as `obstacles` gives them."""
+    def detect(self, found: Obstacles, echoes: Compensated | None = None) -> LidarView:
+        """Detect in obstacles as `obstacles` gives them, and in echoes, see `takes_echoes`."""
         if self._network is not None:
-            return self._detect_learned(self._network, found)
+            return detect_learned(self._network, found, echoes if self.takes_echoes else None)
         return complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint[:2])
 
     def remember(self, view: LidarView) -> LidarView:
@@ -358,24 +407,6 @@ class LidarStage:
             self._rejected.count(view)
         self._plane = view.plane or self._plane
         return replace(view, plane=self._plane)
-
-    def _detect_learned(self, network: Detector, found: Obstacles) -> LidarView:
-        """Take what lies in the boxes of the network for clusters; boxes in which nothing lies are left out."""
-        if found.plane is None:
-            return LidarView(None, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty(), learned=True)
-        boxes = network.detect(BevPoints(found.rows, NO_RADAR), found.plane, _LEAST_LEARNED)
-        cluster = np.full(len(found.xyz), -1)
-        half = boxes.size_lwh_m[:, :2] / 2 + _IN_M
-        for number in range(len(boxes) - 1, -1, -1):  # the surest last, which then has them
-            offset, yaw = found.xyz[:, :2] - boxes.center_m[number, :2], boxes.yaw_rad[number]
-            along = np.abs(offset @ np.array([np.cos(yaw), np.sin(yaw)]))
-            across = np.abs(offset @ np.array([-np.sin(yaw), np.cos(yaw)]))
-            cluster[(along < half[number, 0]) & (across < half[number, 1])] = number
-        kept = np.unique(cluster[cluster >= 0])
-        cluster[cluster >= 0] = np.searchsorted(kept, cluster[cluster >= 0])
-        order = np.argsort(cluster, kind="stable")
-        boxes = replace(boxes[kept], velocity_mps=None)
-        return LidarView(found.plane, found.xyz[order], cluster[order], boxes, learned=True)
 
     def warnings(self) -> tuple[Fault, ...]:
         """Say where nearly all clusters since the start were rejected, or the network is of another world."""

@@ -206,7 +206,10 @@ class RadarStage:
 
     def view(self, frame: Frame, clock: StageClock) -> RadarView:
         """Detect in the echoes of one frame; without radar nothing is seen."""
-        echoes = self.echoes(frame, clock)
+        return self.detect(self.echoes(frame, clock), clock)
+
+    def detect(self, echoes: Compensated | None, clock: StageClock) -> RadarView:
+        """Detect in echoes as `echoes` gives them."""
         if echoes is None:
             return RadarView(np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
         with clock.stage("detect.radar"):

@@ -240,6 +240,13 @@ def test_the_surer_of_a_network_on_points_and_a_camera_names_the_class(score, ex
     assert fuse(seen(camera, lidar), PARAMS).label.tolist() == ["motorcycle"]  # Clusters know sizes, not classes
 
 
+def test_what_a_network_sees_by_echoes_alone_is_no_work_of_lidar():
+    box = car(15.0, 1.0)
+    view = lidar_view(box)
+    view = replace(view, learned=True, boxes=replace(view.boxes, sources=np.array([4], np.uint8)))
+    assert fuse(seen(outline(box), view), PARAMS).sources.tolist() == [5]
+
+
 def test_a_hidden_car_that_a_network_sees_is_not_doubted_for_a_weak_box_in_that_of_the_car_in_front():
     front, hidden = car(12.0), car(19.0, 0.3)
     lidar = replace(lidar_view(front, hidden, score=0.8), learned=True)

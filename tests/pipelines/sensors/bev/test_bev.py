@@ -13,12 +13,15 @@ from fbench.pipelines.sensors.bev.decoding import NUM_OUTPUTS, DecodingParams, d
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, rasterize
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
+from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, Obstacles, detect_learned
 from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.radar.stage import Compensated
+from fbench.pipelines.variants.late import Late3D, Late3DParams
 from fbench.pipelines.variants.learned3d import Learned3D, Learned3DParams
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import LogInfo
 
 
@@ -112,6 +115,57 @@ def test_the_network_takes_the_place_of_clusters():
     assert view.learned, "so that fusion believes its classes"
     with pytest.raises(ConfigError, match="detector=learned: early fusion"):
         DepthStage(rig, LogInfo("log", "id"), params, settings, None)
+
+
+class Four:
+    """A network that always finds four cars, 10, 20, 30 and 40 m ahead, and keeps what it was given."""
+
+    sensors = "both"
+
+    def detect(self, points, plane, least):
+        self.points = points
+        center = np.array([[x, 0.0, 0.0] for x in (10.0, 20.0, 30.0, 40.0)])
+        return Boxes3D(center, np.tile([4.0, 2.0, 1.5], (4, 1)), np.zeros(4), score=np.linspace(0.9, 0.6, 4))
+
+
+def echoes(xyz, rate_mps):
+    return Compensated(xyz, xyz, rate_mps, np.zeros(len(xyz)), np.ones(len(xyz), np.bool_), rate_mps)
+
+
+def test_boxes_in_which_only_echoes_lie_stay_and_say_so():
+    points = np.array([[9.0, 0, 1.0], [19.5, 0.5, 1.0], [70.0, 0, 1.0]])
+    road = np.column_stack([points[:, :2], points[:, 2]]).astype(np.float32)
+    found, network = Obstacles(Plane(0, 0, 0.5), points, points[:, 2], points[:0], rows=road), Four()
+    radar = echoes(np.array([[10.0, 0.2, 1.0], [31.0, -1.1, 1.5], [50.0, 0, 1.0]]), np.array([5.0, np.nan, -2.0]))
+    view = detect_learned(network, found, radar)
+    assert view.boxes.center_m[:, 0].tolist() == [10, 20, 30], "the fourth holds nothing"
+    assert view.boxes.sources.tolist() == [6, 2, 4]
+    assert view.cluster.tolist() == [-1, 0, 1, 2]
+    assert view.xyz.tolist() == [[70, 0, 1], [9, 0, 1], [19.5, 0.5, 1], [31, -1.1, 1.5]]
+    assert network.points.radar == pytest.approx(np.array([[10, 0.2, 0.5, 5], [31, -1.1, 1.0, 0], [50, 0, 0.5, -2]]))
+    without = detect_learned(network, found, None)
+    assert without.boxes.sources.tolist() == [2, 2]
+    assert not len(network.points.radar)
+
+
+@pytest.mark.parametrize(("setting", "takes"), [("both", True), ("lidar", False)])
+def test_the_network_of_late3d_gets_echoes_unless_told(monkeypatch, setting, takes):
+    network = Four()
+    network.sensors = setting
+    monkeypatch.setattr("fbench.pipelines.sensors.lidar.stage.open_detector", lambda _: network)
+    pipeline = Late3D(Late3DParams(lidar=LidarParams(detector="learned")))
+    pipeline.start(rig("lidar", "radar"), LogInfo("log", "id"))
+    found = pipeline.step(frame(0, cloud(), scan())).detections
+    assert bool(len(network.points.radar)) == takes
+    assert len(found)
+    pipeline.step(frame(1, cloud()))
+    assert not len(network.points.radar)
+
+
+def test_a_network_of_lidar_needs_points():
+    with pytest.raises(ConfigError, match=r"lidar\.network\.sensors: must be both or lidar"):
+        LidarParams(detector="learned", network=BevParams(sensors="radar"))
+    LidarParams(network=BevParams(sensors="radar"))  # not used
 
 
 @pytest.mark.parametrize(("names", "given", "sources"), [("lidar", "lidar", 2), ("lidar radar", "lidar", 2),
