@@ -1,6 +1,6 @@
 """learned3d: road users by a bird's-eye network on the points of LiDARs, radars or both, and a tracker."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector, warn_of_other_world
 from fbench.pipelines.sensors.bev.stage import KINDS, BevStage, BevView
@@ -41,7 +41,7 @@ class Learned3D(TrackingPipeline[Boxes3D]):
     def __init__(self, params: Learned3DParams = Learned3DParams()) -> None:
         super().__init__(Tracker3D(params.tracking), params.detect_every)
         self._detector = open_detector(params.network)
-        self._params = replace(params, network=replace(params.network, sensors=self._detector.sensors))
+        self._params = params
         self.kinds = KINDS[self._detector.sensors]
         if params.network.weights == "auto":
             self.weights = {"network.weights": describe_file(BUILTIN)}

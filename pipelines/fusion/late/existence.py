@@ -20,6 +20,7 @@ _BINS = 720
 _SECTORS = 36
 _HIDES_M = (0.5, 2.2)
 _BEHIND_M = 1.5
+_HALF_M, _HALF_WITH_ECHOES_M = 25.0, 50.0  # See `FusionParams.lidar_half_m`
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,9 @@ class FusionParams(CheckedParams, prefix="fusion"):
     objects [0 to 1]: most of it are mirrored images, or aren't there."""
     full_points: float = in_range(8.0, 0.1, 1e6)  # Of n points 1 - exp(-n / this) of that is believed.
     camera_height_px: float = in_range(12.0, 0.1, 10_000)  # Height [px] at which a camera sees every second object.
-    lidar_half_m: float = in_range(25.0, 1, 1e6)
-    """Distance [m] at which every second object has enough LiDAR points to be found."""
+    lidar_half_m: float | None = in_range(None, 1, 1e6)
+    """Distance [m] at which every second object has enough LiDAR points to be found; none: 25 m, or 50 m where a
+    network gets echoes, too."""
     max_range_m: float = in_range(60.0, 1, 1000)  # LiDAR and radar aren't expected to see farther objects [m].
     max_detection: float = in_range(0.95, 0, 1)  # No sensor sees more than this share of what it could [0 to 1].
     min_score: float = in_range(0.4, 0, 1)  # Objects with a lower probability are dropped.
@@ -132,20 +134,23 @@ def believe_lidar(lidar: Clusters, params: FusionParams) -> Float64:
 def _probabilities(
     evidence: Evidence, witnesses: list[Witness], sensors: SensorReliability, params: FusionParams
 ) -> Float64:
-    distance, groups = evidence.distance_m, evidence.associations
+    distance, groups, told = evidence.distance_m, evidence.associations, evidence.observations
     shown = np.array([bool(group.cameras) for group in groups])
-    unplaced = np.array([bool(group.cameras) and group.lidar < 0 for group in groups])
+    unplaced = np.array([group.lidar < 0 for group in groups])
     believed = params.standing_weight * saturate(evidence.standing, params.full_points)
     standing = np.where(evidence.standing > 0, np.maximum(_add_odds(believed, params), 0.0), 0.0)
-    odds = log_odds(params.prior, 1e-6) + np.where(unplaced, standing, 0.0)
+    odds = log_odds(params.prior, 1e-6) + np.where(shown & unplaced & (not told.with_echoes), standing, 0.0)
     seen_by, added_by, could_by = list[Bool](), list[Float64](), list[Float64]()
     for w in witnesses:
         share = np.minimum(sensors.share(w.name, w.kind, distance) * w.could, params.max_detection)
         seen = np.where(shown, w.confirmed_odds, w.odds) + np.log(np.maximum(w.could, params.unlikely))
         silent = np.log1p(-share)
-        if w.kind == "camera" and evidence.observations.learned:
+        if w.kind == "camera" and told.learned:
             # Weak boxes mostly lie in surer ones, which may hide what they show: they say no less than none would.
             seen = np.maximum(seen, silent)
+        if w.kind == "radar" and told.with_echoes:
+            # A network took these echoes for no object, so they don't speak for one.
+            seen = np.where(unplaced, np.minimum(seen, 0.0), seen)
         added = np.where(w.seen, seen, silent)
         if w.kind == "camera":
             seen_by.append(w.seen)
@@ -202,7 +207,8 @@ def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
     whole = np.array([not g.is_cut for g in evidence.associations])
     score = np.where(whole, np.append(believe_lidar(lidar, params), 0.0)[at], 0.0)
     confirmed = params.confirmed_lidar * saturate(points, params.full_points)
-    dense = 1 / (1 + (evidence.distance_m / params.lidar_half_m) ** 4)
+    half = params.lidar_half_m or (_HALF_WITH_ECHOES_M if evidence.observations.with_echoes else _HALF_M)
+    dense = 1 / (1 + (evidence.distance_m / half) ** 4)
     could = dense * _open_shares(evidence, eye, lidar.all_xyz, obstacles, params)
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("lidar", "lidar", seen, odds, confirmed_odds, np.where(seen, 1.0, could))

@@ -127,6 +127,7 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
         radar=of_radar,
         plane=lidar.plane,
         learned=lidar.learned,
+        with_echoes=lidar.with_echoes,
         lidar_eye_m=viewpoint(rig, "lidar")[:2],
         radar_eye_m=viewpoint(rig, "radar")[:2],
         standing_m=_near_distances(rig, cameras, of_radar.loose, knows_height=False),

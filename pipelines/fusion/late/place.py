@@ -35,6 +35,7 @@ class Observations:
     radar: Clusters
     plane: Plane | None
     learned: bool  # Whether a network detected in the LiDAR's points
+    with_echoes: bool  # Whether that network got the radars' echoes, too
     lidar_eye_m: Float64  # (2,) where the LiDARs look from [m]
     radar_eye_m: Float64  # (2,) where the radars do [m]
     standing_m: list[float]

@@ -38,7 +38,9 @@ class BevParams(CheckedParams, prefix="network"):
     encoder: Path | None = None  # The voxel encoder that belongs to such a head.
     layout: Path | None = None
     """Its parameters, `*_ml_package.param.yaml`: range, voxel size, classes; without a file, Autoware's usual ones."""
-    sensors: Sensors = "both"  # Whose points the network gets; a CenterPoint looks at those of LiDARs alone.
+    sensors: Sensors | None = None
+    """Whose points the network gets; none: `both`, but in late3d `lidar` where the built-in network looks at a log that
+    isn't simulated, whose radars it never saw. A CenterPoint looks at LiDARs alone."""
     classes: tuple[str, ...] = ()
     """Labels of the boxes that are reported, such as `car,pedestrian`; none: all that the network knows."""
     min_score: float = in_range(0.4, 0, 1)  # Boxes with a lower score are dropped.
@@ -70,7 +72,7 @@ def open_detector(params: BevParams) -> Detector:
     if not is_pillar_head(session):
         if params.encoder is not None or params.layout is not None:
             raise ConfigError(f"{path}: isn't the head of a CenterPoint, so network.encoder and layout mean nothing")
-        return _Filter(BevDetector(session, path), params, CLASSES, params.sensors)
+        return _Filter(BevDetector(session, path), params, CLASSES, params.sensors or "both")
     if params.encoder is None:
         raise ConfigError(f"{path}: needs the voxel encoder that belongs to it: --set network.encoder=FILE")
     if params.sensors == "radar":
@@ -80,9 +82,14 @@ def open_detector(params: BevParams) -> Detector:
     return _Filter(pillars, params, pillars.classes, "lidar")
 
 
+def is_of_other_world(params: BevParams, log_info: LogInfo) -> bool:
+    """Whether the built-in network looks at a log that isn't simulated."""
+    return params.weights == AUTO and SIMULATED not in log_info.metadata
+
+
 def warn_of_other_world(params: BevParams, log_info: LogInfo) -> tuple[Fault, ...]:
-    """Say where the built-in network looks at what it never saw: a log that isn't simulated."""
-    if params.weights != AUTO or SIMULATED in log_info.metadata:
+    """Say where the built-in network looks at what it never saw."""
+    if not is_of_other_world(params, log_info):
         return ()
     text = (
         "network: the built-in one knows the simulated city alone; train one on logs such as this: "

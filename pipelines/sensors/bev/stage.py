@@ -99,7 +99,7 @@ class BevStage:
         self, rig: Rig, log_info: LogInfo, network: BevParams, lidar: LidarParams, radar: RadarParams,
         settings: SensorSettings, detector: Detector,
     ) -> None:  # fmt: skip
-        self._input = BevInput(rig, log_info, network.sensors, lidar, radar, settings)
+        self._input = BevInput(rig, log_info, detector.sensors, lidar, radar, settings)
         self._min_score, self._detector = network.min_score, detector
 
     def reset(self) -> None:

@@ -5,7 +5,13 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.detector import BevParams, Detector, open_detector, warn_of_other_world
+from fbench.pipelines.sensors.bev.detector import (
+    BevParams,
+    Detector,
+    is_of_other_world,
+    open_detector,
+    warn_of_other_world,
+)
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows, radar_rows
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
 from fbench.pipelines.sensors.points import vehicle
@@ -67,8 +73,8 @@ class LidarParams(CheckedParams, prefix="lidar"):
     """Whether points are clustered and judged, or a bird's-eye network detects in them: clusters are then what lies in
     its boxes."""
     network: BevParams = field(default_factory=BevParams)
-    """That network. With `network.sensors=both`, that of `late3d` gets the echoes of radars, too; elsewhere it gets
-    points of LiDARs alone."""
+    """That network. In late3d it gets the echoes of radars, too, see `network.sensors`; elsewhere points of LiDARs
+    alone."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -103,6 +109,7 @@ class LidarView:
     """One for each cluster. Judged by the model, with its likeliest class as label, and as score the probability that
     it is one road user; by rules, without labels, and the score says how much it looks like a passenger car."""
     learned: bool = False  # Whether a network detected the boxes, whose classes are as good as a camera's
+    with_echoes: bool = False  # Whether that network got the radars' echoes, too
 
 
 def resolve_judge(params: LidarParams, log_info: LogInfo) -> LidarParams:
@@ -334,7 +341,7 @@ def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | No
     order = np.argsort(cluster, kind="stable")
     sources = (int(Source.L) * has_points + int(Source.R) * has_echoes).astype(np.uint8)
     boxes = replace(boxes[kept], velocity_mps=None, sources=sources[kept])
-    return LidarView(found.plane, xyz[order], cluster[order], boxes, learned=True)
+    return LidarView(found.plane, xyz[order], cluster[order], boxes, learned=True, with_echoes=echoes is not None)
 
 
 def _boxes_around(xyz: Float64, boxes: Boxes3D) -> Int64:
@@ -357,6 +364,9 @@ class LidarStage:
         is_learned = params.detector == "learned"
         self._network = open_detector(params.network) if is_learned else None
         self._warned = warn_of_other_world(params.network, log_info) if is_learned else ()
+        is_deaf = params.network.sensors is None and is_of_other_world(params.network, log_info)
+        self.takes_echoes = self._network is not None and self._network.sensors == "both" and not is_deaf
+        """Whether `view` can use echoes of radars"""
         self.judge = self._params.judge if self._network is None else "model"
         self.labeled = self.judge != "rules"  # Whether boxes have labels
         own = settings.own("lidar", params, OWN)
@@ -376,11 +386,6 @@ class LidarStage:
         """Take the pose of a frame whose points are looked at elsewhere."""
         if self._deskew is not None:
             self._deskew.note(body_pose(self._rig, frame), frame.stamp_ns)
-
-    @property
-    def takes_echoes(self) -> bool:
-        """Whether `view` can use echoes of radars."""
-        return self._network is not None and self._network.sensors == "both"
 
     def view(self, frame: Frame, clock: StageClock, echoes: Compensated | None = None) -> LidarView:
         """Detect in the points of one frame, and in `echoes` of it, see `takes_echoes`; without points nothing is seen.

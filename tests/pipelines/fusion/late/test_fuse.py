@@ -247,6 +247,21 @@ def test_what_a_network_sees_by_echoes_alone_is_no_work_of_lidar():
     assert fuse(seen(outline(box), view), PARAMS).sources.tolist() == [5]
 
 
+def test_echoes_in_which_a_network_saw_nothing_do_not_speak_for_what_a_camera_sees():
+    ghost, params = car(25.0, 4.0), replace(PARAMS, min_score=0.0)
+    lidar = replace(lidar_view(car(12.0, -3.0)), learned=True)
+
+    def believe(radar, with_echoes):
+        found = fuse(seen(outline(ghost, score=0.6), replace(lidar, with_echoes=with_echoes), radar), params)
+        return float(found.score[np.argmax(found.center_m[:, 0])])
+
+    for radar in (radar_view(ghost), standing_view(ghost)):
+        assert believe(radar, with_echoes=False) > believe(radar_view(), with_echoes=False)
+        assert believe(radar, with_echoes=True) <= believe(radar_view(), with_echoes=True) + 1e-9
+    # Where the network heard them, it is expected to see farther.
+    assert believe(radar_view(), with_echoes=True) < believe(radar_view(), with_echoes=False)
+
+
 def test_a_hidden_car_that_a_network_sees_is_not_doubted_for_a_weak_box_in_that_of_the_car_in_front():
     front, hidden = car(12.0), car(19.0, 0.3)
     lidar = replace(lidar_view(front, hidden, score=0.8), learned=True)

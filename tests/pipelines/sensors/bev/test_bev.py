@@ -148,13 +148,25 @@ def test_boxes_in_which_only_echoes_lie_stay_and_say_so():
     assert not len(network.points.radar)
 
 
-@pytest.mark.parametrize(("setting", "takes"), [("both", True), ("lidar", False)])
-def test_the_network_of_late3d_gets_echoes_unless_told(monkeypatch, setting, takes):
-    network = Four()
-    network.sensors = setting
+SIMULATED = {"simulated": "3"}
+
+
+@pytest.mark.parametrize(
+    ("asked", "metadata", "takes"),
+    [
+        ({}, SIMULATED, True),
+        ({}, {}, False),  # the built-in network never saw such radars
+        ({"sensors": "both"}, {}, True),
+        ({"sensors": "lidar"}, SIMULATED, False),
+        ({"weights": Path("mine.onnx")}, {}, True),
+    ],
+)
+def test_the_network_of_late3d_gets_echoes_of_radars_that_it_knows(monkeypatch, asked, metadata, takes):
+    network, params = Four(), BevParams(**asked)
+    network.sensors = params.sensors or "both"
     monkeypatch.setattr("fbench.pipelines.sensors.lidar.stage.open_detector", lambda _: network)
-    pipeline = Late3D(Late3DParams(lidar=LidarParams(detector="learned")))
-    pipeline.start(rig("lidar", "radar"), LogInfo("log", "id"))
+    pipeline = Late3D(Late3DParams(lidar=LidarParams(detector="learned", network=params)))
+    pipeline.start(rig("lidar", "radar"), LogInfo("log", "id", metadata))
     found = pipeline.step(frame(0, cloud(), scan())).detections
     assert bool(len(network.points.radar)) == takes
     assert len(found)
