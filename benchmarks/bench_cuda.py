@@ -26,7 +26,8 @@ from fbench.pipelines.sensors.bev import detector as bev_detector
 from fbench.pipelines.sensors.bev.detector import BevParams, open_detector
 from fbench.pipelines.sensors.bev.grid import BevPoints, lidar_rows, rasterize
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS, CameraDetector, CameraParams
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, clusters, obstacles
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, clusters, obstacles
+from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.points import ground
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.ground import Plane

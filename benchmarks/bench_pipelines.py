@@ -31,7 +31,7 @@ from fbench.api.logs import open_log
 from fbench.api.replays import replay
 from fbench.metrics.latency import nearest_rank, warm_up_frames
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS, CameraDetector, CameraParams
-from fbench.pipelines.sensors.lidar.stage import LidarParams, obstacles
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, obstacles
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.radar.stage import RadarParams, RadarStage
 from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage

@@ -19,8 +19,8 @@ from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import LidarSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
 from fbench.pipelines.sensors.lidar.classification import FEATURES, FITTED, Seen, features, interpolation_weights
-from fbench.pipelines.sensors.lidar.stage import LidarParams, obstacles, sort_by_cluster
-from fbench.pipelines.sensors.lidar.stage import clusters as clustered
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, obstacles, sort_by_cluster
+from fbench.pipelines.sensors.lidar.clusters import clusters as clustered
 from fbench.pipelines.sensors.points.merged import Outline
 from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D

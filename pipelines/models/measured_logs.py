@@ -9,7 +9,7 @@ from fbench.pipelines.models.samples import Sample, by_kind, can_decode, gather,
 from fbench.pipelines.sensors.bev.grid import BevPoints
 from fbench.pipelines.sensors.bev.stage import BevInput, BevMeasurement
 from fbench.pipelines.sensors.camera.channels import project_points
-from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.pipelines.variants.learned3d import Learned3DParams

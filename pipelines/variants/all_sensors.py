@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from fbench.pipelines.models.weights import resolve_settings
 from fbench.pipelines.sensors.camera.detector import CameraParams, CameraStage
-from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.sensors.parallel import Branches
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.sensors.radar.stage import RadarParams

@@ -12,7 +12,7 @@ from fbench.pipelines.fusion.early.rgbd import RgbdParams, RgbdStage
 from fbench.pipelines.models.weights import AUTO
 from fbench.pipelines.sensors.image.params import resolve_min_echoes
 from fbench.pipelines.sensors.image.stage import Rays, projectable
-from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.sensors.radar.stage import RadarParams, RadarStage
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector, warn_of_other_world
 from fbench.pipelines.sensors.bev.stage import KINDS, BevStage, BevView
-from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.pipelines.tracking.params import Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline

@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.image.params import LidarImageParams
 from fbench.pipelines.sensors.image.stage import InImages, LidarInImages, drop_labels, projectable
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, LidarView
+from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline

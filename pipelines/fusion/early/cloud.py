@@ -7,7 +7,8 @@ import numpy as np
 
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.params import RadarImageParams
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, Obstacles, obstacles
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, Obstacles, obstacles
+from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.points.ground import Plane, find_ground
 from fbench.pipelines.sensors.points.merged import viewpoint

@@ -14,7 +14,7 @@ from fbench.pipelines.fusion.late.place import FusedObject, Observations, place
 from fbench.pipelines.fusion.observations import CameraObservation, are_one
 from fbench.pipelines.fusion.reliability import SensorReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.stage import LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarView
 from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.pipelines.sensors.radar.stage import RadarView
 from fbench.pipelines.sensors.rows import suppress

@@ -6,7 +6,8 @@ import numpy as np
 
 from fbench.pipelines.sensors.bev.detector import BevParams, Detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, lidar_rows, radar_rows
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
+from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.points.ground import Plane, find_ground
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.sensors.radar.stage import Compensated, RadarParams, RadarStage

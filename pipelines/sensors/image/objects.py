@@ -8,7 +8,7 @@ import numpy as np
 from fbench.pipelines.sensors.image import params as image
 from fbench.pipelines.sensors.image.params import ImageClusterParams, LidarImageParams, RadarImageParams, ShapeParams
 from fbench.pipelines.sensors.lidar.classification import measure_inside
-from fbench.pipelines.sensors.lidar.stage import Obstacles
+from fbench.pipelines.sensors.lidar.clusters import Obstacles
 from fbench.pipelines.sensors.points.grid import lexicographic_order, median
 from fbench.pipelines.sensors.points.ground import Plane, find_ground
 from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fade, fit_rectangles

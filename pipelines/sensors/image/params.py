@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.radar.stage import RadarParams

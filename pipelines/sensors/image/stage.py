@@ -14,7 +14,8 @@ from fbench.pipelines.sensors.image.params import (
     resolve_grouping,
     resolve_min_echoes,
 )
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, LidarView
+from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.odds import log_odds
 from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.points.merged import viewpoint

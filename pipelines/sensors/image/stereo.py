@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.pipelines.sensors.image.objects import Spots, focal_scale, outlines
 from fbench.pipelines.sensors.image.stage import ImageObservations, InImages, by_points
-from fbench.pipelines.sensors.lidar.stage import LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarView
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoStage, detect, find_unmeasured, rate_exactness
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.arrays import Bool, Float64

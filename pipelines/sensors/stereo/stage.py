@@ -4,9 +4,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.sensors.lidar import stage as lidar
+from fbench.pipelines.sensors.lidar import clusters as lidar
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams
-from fbench.pipelines.sensors.lidar.stage import LidarClusterParams, LidarParams, LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarClusterParams, LidarParams, LidarView
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.points.vehicle import VehicleSize, fade

@@ -4,7 +4,7 @@ import numpy as np
 
 from fbench.pipelines.fusion.late.fuse import SensorViews
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.stage import LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarView
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import RadarView
 from fbench.replay.data.boxes import Boxes3D

@@ -12,7 +12,7 @@ from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, ri
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
-from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.variants.early import Early2D, Early2DParams
 from fbench.pipelines.variants.late import Late2D, Late2DParams
 from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams

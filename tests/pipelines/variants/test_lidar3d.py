@@ -4,7 +4,7 @@ from tests.pipelines.frames import assert_equal, cloud, fields, frame, rig, scan
 from tests.pipelines.scenes import car_back, road
 
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams
-from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.messages import PointCloud

@@ -9,7 +9,7 @@ from fbench.pipelines.fusion.early.cloud import (
     find_dense_ground,
     merge_clouds,
 )
-from fbench.pipelines.sensors.lidar.stage import Obstacles
+from fbench.pipelines.sensors.lidar.clusters import Obstacles
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import Compensated
 from fbench.pipelines.sensors.stereo.stage import find_unmeasured, rate_exactness

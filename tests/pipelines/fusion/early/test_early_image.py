@@ -14,7 +14,7 @@ from fbench.pipelines.fusion.early.groups import Groups
 from fbench.pipelines.fusion.early.image import EarlyImageFusion, EarlyImageParams, fuse_in_images, range_rates
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.stage import Rays
-from fbench.pipelines.sensors.lidar.stage import LidarParams
+from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.boxes import Boxes2D, Source
 from fbench.replay.data.rig import CameraModel, Mount, Rig

@@ -9,7 +9,7 @@ from tests.pipelines.fusion.views import AHEAD, PLANE, RIG, K, car, lidar_view, 
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews, fuse
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.stage import LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarView
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import RadarView
 from fbench.replay.data.boxes import Boxes3D

@@ -9,7 +9,7 @@ from tests.pipelines.fusion.views import RIG, car, lidar_view, outline, radar_vi
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import fuse
 from fbench.pipelines.sensors.camera.detector import CameraDetections
-from fbench.pipelines.sensors.lidar.stage import LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarView
 from fbench.pipelines.sensors.radar.stage import RadarView
 from fbench.replay.data.boxes import concatenate
 from fbench.replay.geometry.camera import project_boxes

@@ -13,7 +13,8 @@ from fbench.pipelines.sensors.bev.decoding import NUM_OUTPUTS, DecodingParams, d
 from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, rasterize
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarStage, Obstacles, detect_learned
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, Obstacles
+from fbench.pipelines.sensors.lidar.stage import LidarStage, detect_learned
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import Compensated
 from fbench.pipelines.variants.late import Late3D, Late3DParams

@@ -6,7 +6,7 @@ from tests.pipelines.frames import cloud, fields, frame, rig
 from tests.pipelines.scenes import road
 
 from fbench.pipelines.sensors.lidar.classification import Seen, Standing, add_rules
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarView, detect, obstacles, resolve_judge
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, LidarView, detect, obstacles, resolve_judge
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.data.messages import PointCloud

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fbench.pipelines.sensors.image.params import ImageClusterParams, cluster_in_image
-from fbench.pipelines.sensors.lidar.stage import LidarClusterParams, LidarParams, detect, obstacles
+from fbench.pipelines.sensors.lidar.clusters import LidarClusterParams, LidarParams, detect, obstacles
 from fbench.pipelines.sensors.points.clustering import METHODS, Grouping
 from fbench.pipelines.variants.lidar import Lidar3DParams
 from fbench.pipelines.variants.radar import Radar3DParams

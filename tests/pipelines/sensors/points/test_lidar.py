@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.pipelines.scenes import car_back, road
 
-from fbench.pipelines.sensors.lidar.stage import LidarParams, LidarView, detect, obstacles
+from fbench.pipelines.sensors.lidar.clusters import LidarParams, LidarView, detect, obstacles
 
 EYE = np.zeros(3)
 

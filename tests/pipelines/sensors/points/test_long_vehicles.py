@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.sensors.lidar.stage import MAX_TRUCKS, LidarView, complete_trucks
+from fbench.pipelines.sensors.lidar.clusters import MAX_TRUCKS, LidarView, complete_trucks
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.boxes import Boxes3D
 

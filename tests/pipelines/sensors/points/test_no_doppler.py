@@ -9,7 +9,7 @@ from tests.pipelines.scenes import echoes, radial, surroundings
 
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import SensorViews, fuse
-from fbench.pipelines.sensors.lidar.stage import LidarView
+from fbench.pipelines.sensors.lidar.clusters import LidarView
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.pipelines.sensors.radar.doppler import UnmeasuredParams, strong
 from fbench.pipelines.sensors.radar.stage import RadarParams, RadarView, compensate, detect
