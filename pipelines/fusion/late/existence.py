@@ -10,6 +10,7 @@ from fbench.pipelines.fusion.late.association import Association
 from fbench.pipelines.fusion.late.place import Observations
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, Clusters, outline_overlaps
 from fbench.pipelines.fusion.reliability import AgreementParams, SensorReliability, saturate, sureness
+from fbench.pipelines.sensors.bev.grid import in_reach
 from fbench.pipelines.sensors.odds import log_odds, probability_of
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64
@@ -91,6 +92,12 @@ class Evidence:
         """(N,) of each object's middle from the body's origin [m]."""
         return np.asarray(np.hypot(self.targets.center_m[:, 0], self.targets.center_m[:, 1]), np.float64)
 
+    @property
+    def ignored(self) -> Bool:
+        """(N,) those whose echoes, if there are any, a network got and took for nothing."""
+        unseen = np.array([group.lidar < 0 for group in self.associations])
+        return unseen & in_reach(self.targets.center_m) & self.observations.with_echoes
+
 
 def probabilities(evidence: Evidence, sensors: SensorReliability, params: FusionParams) -> Float64:
     """Probability (N,) of each object; `sensors` learns from this frame first.
@@ -134,23 +141,22 @@ def believe_lidar(lidar: Clusters, params: FusionParams) -> Float64:
 def _probabilities(
     evidence: Evidence, witnesses: list[Witness], sensors: SensorReliability, params: FusionParams
 ) -> Float64:
-    distance, groups, told = evidence.distance_m, evidence.associations, evidence.observations
+    distance, groups, ignored = evidence.distance_m, evidence.associations, evidence.ignored
     shown = np.array([bool(group.cameras) for group in groups])
-    unplaced = np.array([group.lidar < 0 for group in groups])
+    unplaced = np.array([bool(group.cameras) and group.lidar < 0 for group in groups])
     believed = params.standing_weight * saturate(evidence.standing, params.full_points)
     standing = np.where(evidence.standing > 0, np.maximum(_add_odds(believed, params), 0.0), 0.0)
-    odds = log_odds(params.prior, 1e-6) + np.where(shown & unplaced & (not told.with_echoes), standing, 0.0)
+    odds = log_odds(params.prior, 1e-6) + np.where(unplaced & ~ignored, standing, 0.0)
     seen_by, added_by, could_by = list[Bool](), list[Float64](), list[Float64]()
     for w in witnesses:
         share = np.minimum(sensors.share(w.name, w.kind, distance) * w.could, params.max_detection)
         seen = np.where(shown, w.confirmed_odds, w.odds) + np.log(np.maximum(w.could, params.unlikely))
         silent = np.log1p(-share)
-        if w.kind == "camera" and told.learned:
+        if w.kind == "camera" and evidence.observations.learned:
             # Weak boxes mostly lie in surer ones, which may hide what they show: they say no less than none would.
             seen = np.maximum(seen, silent)
-        if w.kind == "radar" and told.with_echoes:
-            # A network took these echoes for no object, so they don't speak for one.
-            seen = np.where(unplaced, np.minimum(seen, 0.0), seen)
+        if w.kind == "radar":
+            seen = np.where(ignored, np.minimum(seen, silent), seen)
         added = np.where(w.seen, seen, silent)
         if w.kind == "camera":
             seen_by.append(w.seen)
@@ -207,9 +213,13 @@ def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
     whole = np.array([not g.is_cut for g in evidence.associations])
     score = np.where(whole, np.append(believe_lidar(lidar, params), 0.0)[at], 0.0)
     confirmed = params.confirmed_lidar * saturate(points, params.full_points)
-    half = params.lidar_half_m or (_HALF_WITH_ECHOES_M if evidence.observations.with_echoes else _HALF_M)
-    dense = 1 / (1 + (evidence.distance_m / half) ** 4)
-    could = dense * _open_shares(evidence, eye, lidar.all_xyz, obstacles, params)
+    half, where = params.lidar_half_m or _HALF_M, lidar.all_xyz
+    reach = np.ones(len(seen), np.bool_)
+    if evidence.observations.with_echoes:
+        half, reach = params.lidar_half_m or _HALF_WITH_ECHOES_M, in_reach(evidence.targets.center_m)
+        where = np.concatenate([where, evidence.observations.radar.all_xyz])
+    dense = reach / (1 + (evidence.distance_m / half) ** 4)
+    could = dense * _open_shares(evidence, eye, where, obstacles, params)
     odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("lidar", "lidar", seen, odds, confirmed_odds, np.where(seen, 1.0, could))
 

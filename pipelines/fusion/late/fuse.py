@@ -13,6 +13,7 @@ from fbench.pipelines.fusion.late.existence import Evidence, FusionParams, belie
 from fbench.pipelines.fusion.late.place import FusedObject, Observations, place
 from fbench.pipelines.fusion.observations import CameraObservation, are_one
 from fbench.pipelines.fusion.reliability import SensorReliability
+from fbench.pipelines.sensors.bev.grid import in_reach
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.clusters import LidarView
 from fbench.pipelines.sensors.points.merged import viewpoint
@@ -95,14 +96,19 @@ class LateFusion:
         return replace(targets, score=probability, sources=np.array(sources, np.uint8))[kept]
 
     def _may_exist(self, group: Association, seen: Observations) -> bool:
-        """Leave out what only cameras see that aren't sure of it, and most of what only LiDAR sees: a street is full of
-        clusters that look like no road user.
+        """Leave out what only cameras see that aren't sure of it, echoes that a network took for nothing, and most of
+        what only LiDAR sees: a street is full of clusters that look like no road user.
         """
-        if group.lidar < 0 and group.radar < 0:
+        if group.lidar < 0 and (group.radar < 0 or _is_ignored(group.radar, seen)):
             return any(seen.cameras[i].is_sure for i in group.cameras)
         if group.cameras or group.radar >= 0:
             return True
         return float(believe_lidar(seen.lidar, self._params)[group.lidar]) >= self._params.min_score / 2
+
+
+def _is_ignored(radar: int, seen: Observations) -> bool:
+    """Whether a network got these echoes and took them for nothing."""
+    return seen.with_echoes and bool(in_reach(seen.radar.boxes.center_m[[radar]])[0])
 
 
 def fuse(views: SensorViews, params: FusionParams) -> Boxes3D:
@@ -131,8 +137,16 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
         lidar_eye_m=viewpoint(rig, "lidar")[:2],
         radar_eye_m=viewpoint(rig, "radar")[:2],
         standing_m=_near_distances(rig, cameras, of_radar.loose, knows_height=False),
-        obstacle_m=_near_distances(rig, cameras, lidar.xyz, knows_height=True),
+        obstacle_m=_near_distances(rig, cameras, _measured(lidar), knows_height=True),
     )
+
+
+def _measured(lidar: LidarView) -> Float64:
+    """Points (N, 3) that LiDARs measured, without those that stand for echoes."""
+    if lidar.boxes.sources is None:
+        return lidar.xyz
+    by_lidar = np.append((lidar.boxes.sources & int(Source.L)) > 0, True)  # The last is what is in no box
+    return np.asarray(lidar.xyz[by_lidar[lidar.cluster]], np.float64)
 
 
 def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:

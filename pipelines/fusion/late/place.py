@@ -12,7 +12,7 @@ from fbench.pipelines.fusion.sizes import HIGH_VAN_M, LONG_CAR_M, LONG_M, SIZES
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, VehicleSize, complete, fit_rectangles
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.boxes import VEHICLES, Boxes3D
+from fbench.replay.data.boxes import VEHICLES, Boxes3D, Source
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.transforms import wrap_angle
@@ -35,7 +35,7 @@ class Observations:
     radar: Clusters
     plane: Plane | None
     learned: bool  # Whether a network detected in the LiDAR's points
-    with_echoes: bool  # Whether that network got the radars' echoes, too
+    with_echoes: bool  # Whether that network got the radars' echoes, too, and reports all that it sees
     lidar_eye_m: Float64  # (2,) where the LiDARs look from [m]
     radar_eye_m: Float64  # (2,) where the radars do [m]
     standing_m: list[float]
@@ -136,7 +136,7 @@ def _lidar_shape(group: Association, seen: Observations, cameras: list[CameraObs
     nothing.
 
     The detector's box is taken as it is where it means the same class (a car, where it knows none), unless the points
-    are only a part of its cluster.
+    are only a part of its cluster, and where it knows it by echoes alone.
     """
     points, box = seen.lidar.points(group.lidar), seen.lidar.boxes[np.array([group.lidar])]
     if group.is_cut:
@@ -144,7 +144,8 @@ def _lidar_shape(group: Association, seen: Observations, cameras: list[CameraObs
         if len(points) < FEWEST:
             return None
     meant = "car" if box.label is None else str(box.label[0])
-    if len(points) < 2 or (label in ("", meant) and not group.is_cut):
+    by_echoes = box.sources is not None and int(box.sources[0]) == int(Source.R)
+    if by_echoes or len(points) < 2 or (label in ("", meant) and not group.is_cut):
         center, size, yaw = box.center_m[0, :2], box.size_lwh_m[0], float(box.yaw_rad[0])
     else:
         typical = SIZES[label or "car"]

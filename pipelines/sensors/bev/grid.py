@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.data.arrays import Float32, Float64
+from fbench.replay.data.arrays import Bool, Float32, Float64
 from fbench.replay.geometry.kernels import kernel
 
 REACH_M, CELL_M = 52.0, 0.25  # The image reaches so far from the body's origin to each side; edge of its cells
@@ -40,6 +40,11 @@ def radar_rows(xyz: Float64, height_m: Float64, range_rate_mps: Float64) -> Floa
     rates (M,) over ground [m/s], NaN where they aren't known.
     """
     return np.column_stack([xyz[:, :2], height_m, np.nan_to_num(range_rate_mps)]).astype(np.float32)
+
+
+def in_reach(center_m: Float64) -> Bool:
+    """Which places (N, 2 or more) [m] in body coordinates the image shows."""
+    return np.asarray((np.abs(center_m[:, :2]) < REACH_M).all(axis=1), np.bool_)
 
 
 @kernel

@@ -101,7 +101,8 @@ class LidarView:
     """One for each cluster. Judged by the model, with its likeliest class as label, and as score the probability that
     it is one road user; by rules, without labels, and the score says how much it looks like a passenger car."""
     learned: bool = False  # Whether a network detected the boxes, whose classes are as good as a camera's
-    with_echoes: bool = False  # Whether that network got the radars' echoes, too
+    with_echoes: bool = False
+    """Whether that network got the radars' echoes, too, so that those it doesn't report are of no object"""
 
 
 def resolve_judge(params: LidarParams, log_info: LogInfo) -> LidarParams:

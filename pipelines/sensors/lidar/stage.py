@@ -75,30 +75,44 @@ class RejectedClusters:
 
 _LEAST_LEARNED = 0.1  # What the network is less sure of isn't reported, for no other sensor to confirm
 _IN_M = 0.2  # Points so far beside a box are still in it
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_INNER = 0.6  # Share of the way from the middle to a corner, so that cameras' boxes hold such points
 
 
 def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | None) -> LidarView:
-    """Take what lies in the boxes of the network for clusters: obstacles, or echoes where there are none.
+    """Take what lies in the boxes of the network for clusters. Boxes in which neither points nor echoes lie are left
+    out; the others say as sources which of both do.
 
-    Boxes in which nothing lies are left out; the others say as sources which sensors measured something there.
+    A box of echoes alone gets a few points inside it, so that it is where the network puts it: many radars measure no
+    heights, and a handful of echoes shows no shape.
     """
     if found.plane is None:
         return LidarView(None, found.xyz, np.full(len(found.xyz), -1), Boxes3D.empty(), learned=True)
-    radar, xyz = NO_RADAR, np.zeros((0, 3))
+    radar, echo_xyz = NO_RADAR, np.zeros((0, 3))
     if echoes is not None:
-        xyz = echoes.xyz
-        radar = radar_rows(xyz, xyz[:, 2] - found.plane.z_m(xyz), echoes.range_rate_mps)
+        echo_xyz = echoes.xyz
+        radar = radar_rows(echo_xyz, echo_xyz[:, 2] - found.plane.z_m(echo_xyz), echoes.range_rate_mps)
     boxes = network.detect(BevPoints(found.rows, radar), found.plane, _LEAST_LEARNED)
-    by_lidar, by_radar = _boxes_around(found.xyz, boxes), _boxes_around(xyz, boxes)
-    has_points, has_echoes = (np.isin(np.arange(len(boxes)), numbers) for numbers in (by_lidar, by_radar))
-    echo_alone = np.flatnonzero((by_radar >= 0) & ~has_points[by_radar])
-    xyz, cluster = np.concatenate([found.xyz, xyz[echo_alone]]), np.concatenate([by_lidar, by_radar[echo_alone]])
-    kept = np.flatnonzero(has_points | has_echoes)
+    inside = _boxes_around(found.xyz, boxes)
+    has_points, has_echoes = (
+        np.isin(np.arange(len(boxes)), numbers) for numbers in (inside, _boxes_around(echo_xyz, boxes))
+    )
+    by_echoes, kept = np.flatnonzero(has_echoes & ~has_points), np.flatnonzero(has_points | has_echoes)
+    xyz = np.concatenate([found.xyz, _inner_points(boxes[by_echoes])])
+    cluster = np.concatenate([inside, np.repeat(by_echoes, len(_CORNERS))])
     cluster[cluster >= 0] = np.searchsorted(kept, cluster[cluster >= 0])
     order = np.argsort(cluster, kind="stable")
     sources = (int(Source.L) * has_points + int(Source.R) * has_echoes).astype(np.uint8)
     boxes = replace(boxes[kept], velocity_mps=None, sources=sources[kept])
     return LidarView(found.plane, xyz[order], cluster[order], boxes, learned=True, with_echoes=echoes is not None)
+
+
+def _inner_points(boxes: Boxes3D) -> Float64:
+    """Points (8 N, 3) [m] between the middles of boxes (N) and their corners, box by box."""
+    along, across, up = np.moveaxis(_CORNERS * _INNER * boxes.size_lwh_m[:, None, :] / 2, 2, 0)
+    cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
+    offset = np.stack([along * cos - across * sin, along * sin + across * cos, up], axis=2)
+    return np.asarray((boxes.center_m[:, None, :] + offset).reshape(-1, 3), np.float64)
 
 
 def _boxes_around(xyz: Float64, boxes: Boxes3D) -> Int64:
@@ -158,7 +172,9 @@ class LidarStage:
     def detect(self, found: Obstacles, echoes: Compensated | None = None) -> LidarView:
         """Detect in obstacles as `obstacles` gives them, and in echoes, see `takes_echoes`."""
         if self._network is not None:
-            return detect_learned(self._network, found, echoes if self.takes_echoes else None)
+            view = detect_learned(self._network, found, echoes if self.takes_echoes else None)
+            # What it doesn't report may be of a class that wasn't asked for.
+            return replace(view, with_echoes=view.with_echoes and not self._params.network.classes)
         return complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint[:2])
 
     def remember(self, view: LidarView) -> LidarView:

@@ -240,38 +240,6 @@ def test_the_surer_of_a_network_on_points_and_a_camera_names_the_class(score, ex
     assert fuse(seen(camera, lidar), PARAMS).label.tolist() == ["motorcycle"]  # Clusters know sizes, not classes
 
 
-def test_what_a_network_sees_by_echoes_alone_is_no_work_of_lidar():
-    box = car(15.0, 1.0)
-    view = lidar_view(box)
-    view = replace(view, learned=True, boxes=replace(view.boxes, sources=np.array([4], np.uint8)))
-    assert fuse(seen(outline(box), view), PARAMS).sources.tolist() == [5]
-
-
-def test_echoes_in_which_a_network_saw_nothing_do_not_speak_for_what_a_camera_sees():
-    ghost, params = car(25.0, 4.0), replace(PARAMS, min_score=0.0)
-    lidar = replace(lidar_view(car(12.0, -3.0)), learned=True)
-
-    def believe(radar, with_echoes):
-        found = fuse(seen(outline(ghost, score=0.6), replace(lidar, with_echoes=with_echoes), radar), params)
-        return float(found.score[np.argmax(found.center_m[:, 0])])
-
-    for radar in (radar_view(ghost), standing_view(ghost)):
-        assert believe(radar, with_echoes=False) > believe(radar_view(), with_echoes=False)
-        assert believe(radar, with_echoes=True) <= believe(radar_view(), with_echoes=True) + 1e-9
-    # Where the network heard them, it is expected to see farther.
-    assert believe(radar_view(), with_echoes=True) < believe(radar_view(), with_echoes=False)
-
-
-def test_a_hidden_car_that_a_network_sees_is_not_doubted_for_a_weak_box_in_that_of_the_car_in_front():
-    front, hidden = car(12.0), car(19.0, 0.3)
-    lidar = replace(lidar_view(front, hidden, score=0.8), learned=True)
-    alone, both = (fuse(seen(outline(*cars), lidar), PARAMS) for cars in ((front,), (front, hidden)))
-    for found in (alone, both):
-        assert found.score[np.argmax(found.center_m[:, 0])] == pytest.approx(0.8, abs=0.02)
-    by_clusters = fuse(seen(outline(front, hidden), replace(lidar, learned=False)), replace(PARAMS, min_score=0.0))
-    assert by_clusters.score[np.argmax(by_clusters.center_m[:, 0])] < 0.4
-
-
 def test_radar_that_sees_the_rear_of_a_truck_does_not_pull_it_nearer():
     truck = car(30.0, size=(8.5, 2.6, 3.3))
     rear = car(30.0 - 8.5 / 2 + 4.2 / 2)  # what radar takes it for: a car behind the same side

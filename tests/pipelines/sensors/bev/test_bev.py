@@ -119,14 +119,16 @@ def test_the_network_takes_the_place_of_clusters():
 
 
 class Four:
-    """A network that always finds four cars, 10, 20, 30 and 40 m ahead, and keeps what it was given."""
+    """A network that always finds the first `num` of four cars, 10, 20, 30 and 40 m ahead, and keeps what it gets."""
 
-    sensors = "both"
+    def __init__(self, sensors="both", num=4, yaw_rad=0.0):
+        self.sensors, self._num, self._yaw_rad = sensors, num, yaw_rad
 
     def detect(self, points, plane, least):
         self.points = points
-        center = np.array([[x, 0.0, 0.0] for x in (10.0, 20.0, 30.0, 40.0)])
-        return Boxes3D(center, np.tile([4.0, 2.0, 1.5], (4, 1)), np.zeros(4), score=np.linspace(0.9, 0.6, 4))
+        center, size = np.array([[x, 0.0, 0.0] for x in (10.0, 20.0, 30.0, 40.0)]), np.tile([4.0, 2.0, 1.5], (4, 1))
+        boxes = Boxes3D(center, size, np.full(4, self._yaw_rad), score=np.linspace(0.9, 0.6, 4))
+        return boxes[: self._num]
 
 
 def echoes(xyz, rate_mps):
@@ -141,12 +143,34 @@ def test_boxes_in_which_only_echoes_lie_stay_and_say_so():
     view = detect_learned(network, found, radar)
     assert view.boxes.center_m[:, 0].tolist() == [10, 20, 30], "the fourth holds nothing"
     assert view.boxes.sources.tolist() == [6, 2, 4]
-    assert view.cluster.tolist() == [-1, 0, 1, 2]
-    assert view.xyz.tolist() == [[70, 0, 1], [9, 0, 1], [19.5, 0.5, 1], [31, -1.1, 1.5]]
+    assert view.cluster.tolist() == [-1, 0, 1, *[2] * 8]
+    assert view.xyz[:3].tolist() == [[70, 0, 1], [9, 0, 1], [19.5, 0.5, 1]]
+    inner = np.sort(np.unique(np.round(np.abs(view.xyz[3:] - [30.0, 0, 0]), 6), axis=0))
+    assert inner.tolist() == [[0.45, 0.6, 1.2]], "around its middle, whatever heights the echoes have"
+    assert view.with_echoes
     assert network.points.radar == pytest.approx(np.array([[10, 0.2, 0.5, 5], [31, -1.1, 1.0, 0], [50, 0, 0.5, -2]]))
     without = detect_learned(network, found, None)
     assert without.boxes.sources.tolist() == [2, 2]
     assert not len(network.points.radar)
+    assert not without.with_echoes
+
+
+def test_points_in_a_box_of_echoes_turn_with_it():
+    found = Obstacles(Plane(0, 0, 0), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
+    network = Four(yaw_rad=np.pi / 2)
+    view = detect_learned(network, found, echoes(np.array([[10.0, 1.5, 0.5]]), np.array([1.0])))
+    assert np.unique(np.round(np.abs(view.xyz - [10.0, 0, 0]), 6), axis=0).tolist() == [[0.6, 1.2, 0.45]]
+
+
+def test_echoes_where_the_network_sees_nothing_are_nothing():
+    found = Obstacles(Plane(0, 0, 0), np.array([[9.0, 0, 1.0]]), np.ones(1), np.zeros((0, 3)))
+    view = detect_learned(Four(num=0), found, echoes(np.array([[10.0, 1.5, 0.5]]), np.array([1.0])))
+    assert not len(view.boxes)
+    assert view.cluster.tolist() == [-1]
+    assert view.with_echoes
+    blind = detect_learned(Four(), Obstacles(None, *[np.zeros((0, 3))] * 3), echoes(np.zeros((1, 3)), np.zeros(1)))
+    assert not len(blind.boxes)
+    assert not blind.with_echoes, "without the ground, it isn't asked"
 
 
 SIMULATED = {"simulated": "3"}
@@ -163,8 +187,8 @@ SIMULATED = {"simulated": "3"}
     ],
 )
 def test_the_network_of_late3d_gets_echoes_of_radars_that_it_knows(monkeypatch, asked, metadata, takes):
-    network, params = Four(), BevParams(**asked)
-    network.sensors = params.sensors or "both"
+    params = BevParams(**asked)
+    network = Four(params.sensors or "both")
     monkeypatch.setattr("fbench.pipelines.sensors.lidar.stage.open_detector", lambda _: network)
     pipeline = Late3D(Late3DParams(lidar=LidarParams(detector="learned", network=params)))
     pipeline.start(rig("lidar", "radar"), LogInfo("log", "id", metadata))
@@ -173,6 +197,26 @@ def test_the_network_of_late3d_gets_echoes_of_radars_that_it_knows(monkeypatch, 
     assert len(found)
     pipeline.step(frame(1, cloud()))
     assert not len(network.points.radar)
+
+
+@pytest.mark.parametrize("classes", [(), ("bus",)])
+def test_what_a_network_was_not_asked_for_may_be_in_echoes(classes):
+    params = LidarParams(detector="learned", network=BevParams(classes=classes, threads=1))
+    stage = LidarStage(
+        rig("lidar"), LogInfo("log", "id", SIMULATED), params, SensorSettings(Learned3DParams(), rig("lidar"))
+    )
+    view = stage.view(frame(0, cloud()), StageClock(), echoes(np.array([[10.0, 0, 1.0]]), np.ones(1)))
+    assert view.with_echoes == (not classes)
+
+
+def test_the_network_of_late3d_may_see_nothing_at_all():
+    network = BevParams(classes=("bus",), threads=1)
+    pipeline = Late3D(Late3DParams(lidar=LidarParams(detector="learned", network=network)))
+    pipeline.start(rig("lidar", "radar"), LogInfo("log", "id", SIMULATED))
+    for messages in ((cloud(), scan()), (scan(),), (cloud(),), ()):
+        output = pipeline.step(frame(0, *messages))
+        assert output.faults == ()
+        pipeline.reset("again")
 
 
 def test_a_network_of_lidar_needs_points():
