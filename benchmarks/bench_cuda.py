@@ -136,7 +136,7 @@ class DeviceFrame:
         return found.cpu()
 
     def clusters(self, xyz: Tensor) -> Tensor:
-        """Cluster obstacles as `lidar.stage.clusters`."""
+        """Cluster obstacles as `lidar.clusters.clusters`."""
         grown = (torch.hypot(xyz[:, 0], xyz[:, 1]) / (LIDAR.cluster.adaptive_from_m or torch.inf)).clamp(min=1)
         return clustering.dbscan(xyz[:, :2], LIDAR.cluster.eps_m * grown, LIDAR.cluster.min_points)
 

@@ -1,4 +1,4 @@
-"""late2d and late3d: every sensor detects on its own, and what they found is merged."""
+"""late2d and late3d: sensors detect separately, and what they found is merged."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -108,9 +108,8 @@ class Late3DParams(AllSensorsParams):
 class Late3D(FusionPipeline[Boxes3D]):
     """Labeled boxes in 3D from any of cameras, LiDARs and radars; at least one LiDAR or radar must be there.
 
-    Each sensor detects on its own (the network of `lidar.detector=learned` gets echoes, too); their boxes are merged in
-    space, and tracked. Objects without a camera's label are
-    called cars, or trucks where they are long.
+    Each sensor detects on its own, but the network of `lidar.detector=learned` gets echoes, too. Their boxes are merged
+    in space, and tracked. Objects without a camera's label are called cars, or trucks where they are long.
     """
 
     def __init__(self, params: Late3DParams = Late3DParams()) -> None:

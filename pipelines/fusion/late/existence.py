@@ -35,7 +35,8 @@ class FusionParams(CheckedParams, prefix="fusion"):
     association: AssociationParams = field(default_factory=AssociationParams)  # What belongs together.
     agreement: AgreementParams = field(default_factory=AgreementParams)  # How well the sensors work.
     camera_share: float = in_range(0.5, 0, 1)
-    """Boxes down to this share of a camera's `min_score` [0 to 1] count where LiDAR or moving echoes confirm them."""
+    """Boxes down to this share of a camera's `min_score` [0 to 1] count where LiDAR or moving echoes confirm them.
+    Echoes that a network got and took for nothing confirm nothing, here and below."""
     prior: float = in_range(0.13, 0, 1)
     """Probability of an object where nothing is known [0 to 1]; the lower, the more it says that several sensors see
     one."""

@@ -1,4 +1,4 @@
-"""Late fusion in 3D: objects that sensors detect on their own, merged in body coordinates."""
+"""Late fusion in 3D: objects that sensors detect separately, merged in body coordinates."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,1 +1,1 @@
-"""Detection by LiDAR: `lidar.py`, with the classification of clusters in `classification.py`."""
+"""Detection by LiDAR: in `stage.py` by clusters (`clusters.py`, classified in `classification.py`) or a network."""

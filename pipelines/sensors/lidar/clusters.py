@@ -5,9 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.detector import (
-    BevParams,
-)
+from fbench.pipelines.sensors.bev.detector import BevParams
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, lidar_rows
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
 from fbench.pipelines.sensors.points import vehicle
@@ -95,11 +93,14 @@ class LidarView:
     """What the LiDAR sees: points that stand on the ground, their clusters, one box for each."""
 
     plane: Plane | None  # The ground; `None` where too few points tell
-    xyz: Float64  # (N, 3) [m] in body coordinates, sorted by cluster, those of no cluster first
+    xyz: Float64
+    """(N, 3) [m] in body coordinates, sorted by cluster, those of no cluster first; a few stand for a network's box in
+    which only echoes lie"""
     cluster: Int64  # (N,) number of the cluster, -1: none; those numbers are rows of `boxes`
     boxes: Boxes3D
     """One for each cluster. Judged by the model, with its likeliest class as label, and as score the probability that
-    it is one road user; by rules, without labels, and the score says how much it looks like a passenger car."""
+    it is one road user; by rules, without labels, and the score says how much it looks like a passenger car. Those of
+    a network have as sources which of LiDAR and radar measured something there."""
     learned: bool = False  # Whether a network detected the boxes, whose classes are as good as a camera's
     with_echoes: bool = False
     """Whether that network got the radars' echoes, too, so that those it doesn't report are of no object"""
