@@ -11,7 +11,7 @@ from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import center_offsets
 from fbench.replay.contracts.params import CheckedParams, in_range
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import project, project_body, project_boxes, rays
 from fbench.replay.geometry.iou import common_areas
@@ -246,6 +246,18 @@ class Clusters:
     def all_xyz(self) -> Float64:
         """(N + M, 3) [m] points, in clusters or not."""
         return np.concatenate([self.xyz, self.loose])
+
+    @property
+    def measured_xyz(self) -> Float64:
+        """(N + M, 3) [m] `all_xyz` without those that stand for boxes in which this sensor measured nothing."""
+        if self.boxes.sources is None:
+            return self.all_xyz
+        by_lidar = np.repeat((self.boxes.sources & int(Source.L)) > 0, np.diff(self.first))
+        return np.concatenate([self.xyz[by_lidar], self.loose])
+
+    def is_of_echoes(self, at: int) -> bool:
+        """Whether a network knows of a cluster by echoes alone, so that its points say only where its box is."""
+        return self.boxes.sources is not None and int(self.boxes.sources[at]) == int(Source.R)
 
     def points(self, at: int) -> Float64:
         """Return the points of one cluster."""

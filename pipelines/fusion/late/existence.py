@@ -107,12 +107,12 @@ def probabilities(evidence: Evidence, sensors: SensorReliability, params: Fusion
     with false alarms doesn't make the others look blind.
     """
     seen = evidence.observations
-    obstacles = seen.lidar.all_xyz  # that hide what is behind them: points as high as cars
+    obstacles = seen.lidar.measured_xyz  # that hide what is behind them: points as high as cars
     if seen.plane is not None:
         height = obstacles[:, 2] - seen.plane.z_m(obstacles)
         obstacles = obstacles[(height > _HIDES_M[0]) & (height < _HIDES_M[1])]
     witnesses = [_camera_witness(evidence, name, obstacles, params) for name in seen.working]
-    if len(seen.lidar.all_xyz) + len(seen.lidar.boxes):
+    if seen.with_echoes or len(seen.lidar.all_xyz) + len(seen.lidar.boxes):
         witnesses.append(_lidar_witness(evidence, obstacles, params))
     if len(seen.radar.all_xyz) + len(seen.radar.boxes):
         witnesses.append(_radar_witness(evidence, obstacles, params))

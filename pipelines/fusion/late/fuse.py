@@ -124,12 +124,13 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
         cameras += observations.observe_camera(rig, name, views.cameras[name], lidar.plane, params.association)
     cameras = lower_nested(cameras)
     cameras.sort(key=lambda s: (s.camera, *s.xyxy_px.tolist(), s.label, s.score))
+    of_lidar = observations.sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes)
     of_radar = observations.sort_clusters(radar.xyz, radar.cluster, radar.boxes)
     return Observations(
         rig=rig,
         working=tuple(sorted(views.cameras)),
         cameras=cameras,
-        lidar=observations.sort_clusters(lidar.xyz, lidar.cluster, lidar.boxes),
+        lidar=of_lidar,
         radar=of_radar,
         plane=lidar.plane,
         learned=lidar.learned,
@@ -137,16 +138,8 @@ def observe(views: SensorViews, params: FusionParams) -> Observations:
         lidar_eye_m=viewpoint(rig, "lidar")[:2],
         radar_eye_m=viewpoint(rig, "radar")[:2],
         standing_m=_near_distances(rig, cameras, of_radar.loose, knows_height=False),
-        obstacle_m=_near_distances(rig, cameras, _measured(lidar), knows_height=True),
+        obstacle_m=_near_distances(rig, cameras, of_lidar.measured_xyz, knows_height=True),
     )
-
-
-def _measured(lidar: LidarView) -> Float64:
-    """Points (N, 3) that LiDARs measured, without those that stand for echoes."""
-    if lidar.boxes.sources is None:
-        return lidar.xyz
-    by_lidar = np.append((lidar.boxes.sources & int(Source.L)) > 0, True)  # The last is what is in no box
-    return np.asarray(lidar.xyz[by_lidar[lidar.cluster]], np.float64)
 
 
 def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:

@@ -12,7 +12,7 @@ from fbench.pipelines.fusion.sizes import HIGH_VAN_M, LONG_CAR_M, LONG_M, SIZES
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, VehicleSize, complete, fit_rectangles
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.boxes import VEHICLES, Boxes3D, Source
+from fbench.replay.data.boxes import VEHICLES, Boxes3D
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.transforms import wrap_angle
@@ -125,6 +125,8 @@ def _label_with_lidar(label: str, cameras: list[CameraObservation], seen: Observ
     is_longer = label in VEHICLES and own in VEHICLES and SIZES[own].length_m > SIZES[label].length_m
     points, yaw, most = seen.lidar.points(at), float(seen.lidar.boxes.yaw_rad[at]), SIZES[label]
     along = points[:, 0] * np.cos(yaw) + points[:, 1] * np.sin(yaw)
+    if seen.lidar.is_of_echoes(at):
+        return own if is_surer else label
     is_too_large = bool(len(points)) and bool(np.ptp(along) > most.longest_m)
     if seen.plane is not None:
         is_too_large |= bool((points[:, 2] - seen.plane.z_m(points[:, :2]) > most.highest_m).any())
@@ -136,7 +138,7 @@ def _lidar_shape(group: Association, seen: Observations, cameras: list[CameraObs
     nothing.
 
     The detector's box is taken as it is where it means the same class (a car, where it knows none), unless the points
-    are only a part of its cluster, and where it knows it by echoes alone.
+    are only a part of its cluster. Of one that it knows by echoes alone, place and heading are taken.
     """
     points, box = seen.lidar.points(group.lidar), seen.lidar.boxes[np.array([group.lidar])]
     if group.is_cut:
@@ -144,9 +146,11 @@ def _lidar_shape(group: Association, seen: Observations, cameras: list[CameraObs
         if len(points) < FEWEST:
             return None
     meant = "car" if box.label is None else str(box.label[0])
-    by_echoes = box.sources is not None and int(box.sources[0]) == int(Source.R)
+    by_echoes = seen.lidar.is_of_echoes(group.lidar)
     if by_echoes or len(points) < 2 or (label in ("", meant) and not group.is_cut):
         center, size, yaw = box.center_m[0, :2], box.size_lwh_m[0], float(box.yaw_rad[0])
+        if by_echoes and label not in ("", meant):
+            size = np.array([SIZES[label].length_m, SIZES[label].width_m, SIZES[label].height_m])
     else:
         typical = SIZES[label or "car"]
         xy = np.ascontiguousarray(points[:: 1 + len(points) // _ENOUGH, :2])

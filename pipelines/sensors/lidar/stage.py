@@ -75,8 +75,8 @@ class RejectedClusters:
 
 _LEAST_LEARNED = 0.1  # What the network is less sure of isn't reported, for no other sensor to confirm
 _IN_M = 0.2  # Points so far beside a box are still in it
-_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-_INNER = 0.6  # Share of the way from the middle to a corner, so that cameras' boxes hold such points
+_LATTICE = 0.3 * np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 1)])
+"""Points in a box, as shares of its size from the middle: boxes of cameras hold some of them, even of what is hidden"""
 
 
 def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | None) -> LidarView:
@@ -99,7 +99,7 @@ def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | No
     )
     by_echoes, kept = np.flatnonzero(has_echoes & ~has_points), np.flatnonzero(has_points | has_echoes)
     xyz = np.concatenate([found.xyz, _inner_points(boxes[by_echoes])])
-    cluster = np.concatenate([inside, np.repeat(by_echoes, len(_CORNERS))])
+    cluster = np.concatenate([inside, np.repeat(by_echoes, len(_LATTICE))])
     cluster[cluster >= 0] = np.searchsorted(kept, cluster[cluster >= 0])
     order = np.argsort(cluster, kind="stable")
     sources = (int(Source.L) * has_points + int(Source.R) * has_echoes).astype(np.uint8)
@@ -108,8 +108,8 @@ def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | No
 
 
 def _inner_points(boxes: Boxes3D) -> Float64:
-    """Points (8 N, 3) [m] between the middles of boxes (N) and their corners, box by box."""
-    along, across, up = np.moveaxis(_CORNERS * _INNER * boxes.size_lwh_m[:, None, :] / 2, 2, 0)
+    """Points (18 N, 3) [m] in boxes (N), box by box; see `_LATTICE`."""
+    along, across, up = np.moveaxis(_LATTICE * boxes.size_lwh_m[:, None, :], 2, 0)
     cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
     offset = np.stack([along * cos - across * sin, along * sin + across * cos, up], axis=2)
     return np.asarray((boxes.center_m[:, None, :] + offset).reshape(-1, 3), np.float64)

@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.pipelines.fusion.views import car, lidar_view, outline, radar_view, seen, standing_view
+from tests.pipelines.fusion.views import PLANE, car, lidar_view, outline, radar_view, seen, standing_view
 
 from fbench.pipelines.fusion.late.existence import FusionParams
-from fbench.pipelines.fusion.late.fuse import fuse
+from fbench.pipelines.fusion.late.fuse import fuse, observe
+from fbench.pipelines.fusion.sizes import SIZES
+from fbench.pipelines.sensors.lidar.clusters import LidarView
+from fbench.replay.data.boxes import concatenate
 
 PARAMS = FusionParams(lidar_weight=1.0)
 
@@ -37,7 +40,7 @@ def believe(box, radar, with_echoes, score=0.6, **params):
 
 @pytest.mark.parametrize("view", [radar_view, standing_view])
 def test_echoes_that_a_network_ignored_do_not_speak_for_what_a_camera_sees(view):
-    ghost, elsewhere = car(25.0, 4.0), car(25.0, -14.0)
+    ghost, elsewhere = car(25.0, 4.0), car(28.0, 1.0)  # in one sector, so that radar's silence counts
     assert believe(ghost, view(ghost), with_echoes=False) > believe(ghost, view(elsewhere), with_echoes=False)
     assert believe(ghost, view(ghost), with_echoes=True) <= believe(ghost, view(elsewhere), with_echoes=True)
     assert believe(ghost, view(ghost), with_echoes=True, score=None) == 0.0
@@ -68,19 +71,71 @@ def test_a_network_that_gets_echoes_is_expected_to_see_farther_unless_told():
     assert believe(ghost, radar, with_echoes=True, lidar_half_m=100.0) < heard
 
 
+def of_echoes(box, label="car", score=0.7):
+    """What a network sees by echoes alone: points in its box that stand for it."""
+    inner = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 1)]) * 0.3 * box.size_lwh_m
+    boxes = replace(lidar_view(box, score=score).boxes, label=np.array([label]), sources=np.array([4], np.uint8))
+    cluster = np.zeros(len(inner), np.int64)
+    return LidarView(PLANE, box.center_m + inner, cluster, boxes, learned=True, with_echoes=True)
+
+
 @pytest.mark.parametrize("label", ["car", "van"])
 def test_a_box_of_echoes_is_where_the_network_puts_it(label):
     """Echoes measure heights badly, so that what stands for them lies in the box."""
     box = car(30.0, 2.0, yaw=0.1)
-    inner = np.array([[x, y, z] for x in (-1.2, 1.2) for y in (-0.5, 0.5) for z in (-0.4, 0.4)]) + box.center_m
-    view = lidar_view(box, score=0.7)
-    boxes = replace(view.boxes, label=np.array(["car"]), sources=np.array([4], np.uint8))
-    view = replace(view, xyz=inner, cluster=np.zeros(8, np.int64), boxes=boxes, learned=True, with_echoes=True)
-    found = fuse(seen(outline(box, label=label, score=0.8), view, standing_view(box)), PARAMS)
+    found = fuse(seen(outline(box, label=label, score=0.8), of_echoes(box), standing_view(box)), PARAMS)
     assert found.sources.tolist() == [5]
     assert found.score[0] > 0.9, "both agree"
     assert found.center_m[0, :2] == pytest.approx([30.0, 2.0], abs=0.5)
-    assert found.size_lwh_m[0] == pytest.approx(box.size_lwh_m[0])
+    size = SIZES[label]
+    expected = box.size_lwh_m[0] if label == "car" else (size.length_m, size.width_m, size.height_m)
+    assert found.size_lwh_m[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("score", "expected"), [(0.95, "bus"), (0.45, "van")])
+def test_the_size_of_a_box_of_echoes_does_not_name_the_class_against_a_surer_camera(score, expected):
+    bus = car(40.0, 2.0, size=(12.0, 2.6, 3.6))
+    found = fuse(seen(outline(bus, label="van", score=0.9), of_echoes(bus, "bus", score)), PARAMS)
+    assert found.label.tolist() == [expected]
+
+
+def test_what_stands_for_a_box_of_echoes_hides_nothing_and_measures_no_distance():
+    near, hidden = car(15.0), car(25.0, 0.5)
+    lidar = network_view(True)
+    alone = fuse(seen(outline(hidden, score=0.6), lidar), replace(PARAMS, min_score=0.0))
+    echoes = of_echoes(near, score=0.1)
+    both = replace(
+        lidar,
+        xyz=np.concatenate([lidar.xyz, echoes.xyz]),
+        cluster=np.concatenate([lidar.cluster, echoes.cluster + 1]),
+        boxes=concatenate([replace(lidar.boxes, sources=np.array([2], np.uint8)), replace(echoes.boxes, label=None)]),
+    )
+    found = fuse(seen(outline(hidden, score=0.6), both), replace(PARAMS, min_score=0.0))
+    at, alone_at = (np.argmax(boxes.center_m[:, 0]) for boxes in (found, alone))
+    assert found.center_m[at] == pytest.approx(alone.center_m[alone_at])
+    assert found.score[at] == pytest.approx(alone.score[alone_at])
+
+
+def test_what_stands_for_a_box_of_echoes_is_no_point_of_lidar():
+    box = car(20.0)
+    by_echoes, by_lidar = of_echoes(box), replace(of_echoes(box), boxes=lidar_view(box).boxes)
+    for view, expected in ((by_lidar, 18.7), (by_echoes, np.nan)):
+        (distance,) = observe(seen(outline(box), view), PARAMS).obstacle_m
+        assert distance == pytest.approx(expected, abs=0.6, nan_ok=True)
+
+
+def test_a_network_that_gets_no_points_but_echoes_has_looked_there():
+    ghost = car(25.0, 4.0)
+    nothing = LidarView(PLANE, np.zeros((0, 3)), np.zeros(0, np.int64), lidar_view().boxes, learned=True)
+
+    def believed(with_echoes):
+        view = replace(nothing, with_echoes=with_echoes)
+        return float(
+            fuse(seen(outline(ghost, score=0.6), view, radar_view(ghost)), replace(PARAMS, min_score=0.0)).score[0]
+        )
+
+    assert believed(with_echoes=True) < 0.3
+    assert believed(with_echoes=False) > 0.8
 
 
 def test_a_hidden_car_that_a_network_sees_is_not_doubted_for_a_weak_box_in_that_of_the_car_in_front():
