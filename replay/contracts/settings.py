@@ -82,8 +82,15 @@ def _parse(path: str, hint: Any, text: str) -> object:
             return _convert(option, text)
         except ValueError:
             continue
-    names = [getattr(o, "__name__", str(o)) for o in options]
-    raise ConfigError(f"--set {path}={text}: expected {' or '.join(names)}")
+    *names, last = (name for option in options for name in _name_values(option))
+    raise ConfigError(f"--set {path}={text}: expected {', '.join(names)}{' or ' if names else ''}{last}")
+
+
+def _name_values(kind: Any) -> tuple[str, ...]:
+    """Return the values of a kind where they are few, else its name."""
+    if typing.get_origin(kind) is typing.Literal:
+        return typing.get_args(kind)
+    return ("none",) if kind is type(None) else (getattr(kind, "__name__", str(kind)),)
 
 
 def _convert(kind: Any, text: str) -> object:

@@ -20,13 +20,14 @@ class Params:
     cluster: Cluster = field(default_factory=Cluster)
     weights: Path | None = None
     on: bool = True
+    judge: Literal["model", "rules"] | None = None
     size_wh: tuple[int, int] = (416, 416)
 
 
 def test_nested_values_are_set():
     settings = ["cluster.eps_m=1.5", "cluster.min_points=3", "on=false", "weights=a/b.onnx", "size_wh=832,256"]
     changed = apply_settings(Params(), settings)
-    assert changed == Params(Cluster(1.5, 3), Path("a/b.onnx"), False, (832, 256))
+    assert changed == Params(Cluster(1.5, 3), Path("a/b.onnx"), False, size_wh=(832, 256))
     assert apply_settings(changed, ["weights=none"]).weights is None
 
 
@@ -46,7 +47,8 @@ def test_later_settings_win():
         ("cluster.eps_m=wide", "expected float"),
         ("cluster.eps_m=nan", "expected float"),
         ("cluster.min_points=2.5", "expected int"),
-        ("cluster.method=magic", "--set cluster.method=magic"),
+        ("cluster.method=magic", "--set cluster.method=magic: expected dbscan or hdbscan"),
+        ("judge=magic", "--set judge=magic: expected model, rules or none"),
         ("on=maybe", "expected bool"),
         ("size_wh=1", "--set size_wh=1"),
     ],
