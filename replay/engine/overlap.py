@@ -74,7 +74,10 @@ class _Process:
         self._socket, self._connection = ours, Connection(os.dup(ours.fileno()))
         self._thread = ThreadPoolExecutor(1, "fbench-overlap")
         self._orders: list[_Order] = []
-        self.is_ready = self._thread.submit(self._receive)
+
+    def await_ready(self) -> Future[ObservedFrame]:
+        """Wait for it to start; from here on, only `close` ends its thread."""
+        return self._thread.submit(self._receive)
 
     def tell(self, kind: str, content: Any) -> None:
         """Give it something to do before the next frame."""
@@ -134,8 +137,8 @@ class Overlap:
         self._ends = ExitStack()
         with self._ends as ends:
             self._processes = [ends.enter_context(closing(_Process(pipeline, settings))) for _ in range(num)]
-            for process in self._processes:
-                process.is_ready.result()
+            for start in [process.await_ready() for process in self._processes]:
+                start.result()
             self._ends = ends.pop_all()
 
     def __enter__(self) -> Self:

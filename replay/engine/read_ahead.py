@@ -147,9 +147,9 @@ class _AheadReader:
         self.stop()
         queue = _Queue[R](self._limit)
         thread = threading.Thread(target=self._read, args=(queue, messages), name="fbench-read-ahead")
-        thread.start()
-        self._running = (thread, queue)
         try:
+            self._running = (thread, queue)
+            thread.start()
             while True:
                 item = queue.get(thread.is_alive)
                 item.faults.pass_to(self._faults)
@@ -174,9 +174,10 @@ class _AheadReader:
         if self._running is None:
             return
         thread, queue = self._running
-        self._running = None
         queue.close()
-        thread.join()
+        if thread.is_alive():  # a signal may come while it starts; then it ends by itself, as nobody wants anything
+            thread.join()
+        self._running = None
         self._staged.clear()
 
     def _read(self, queue: _Queue[R], messages: Callable[[], Iterator[R]]) -> None:

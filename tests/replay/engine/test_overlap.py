@@ -1,11 +1,13 @@
 """Which frames processes get, and what waits for them; processes themselves are replaced."""
 
+import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
 
+from fbench.replay.contracts.errors import TerminatedError
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Image, Message, PointCloud
 from fbench.replay.data.rig import LogInfo, Rig
@@ -20,8 +22,10 @@ class Process:
     """Observes nothing, and keeps what it was given."""
 
     def __init__(self, name: str, settings: list[str]) -> None:
-        self.is_ready: Future[ObservedFrame] = done()
         self.sent: list[Frame] = []
+
+    def await_ready(self) -> Future[ObservedFrame]:
+        return done()
 
     def tell(self, kind: str, content: object) -> None: ...
 
@@ -80,6 +84,20 @@ def test_after_a_change_of_the_rig_all_is_sent(single: Overlap) -> None:
     frames = [(Frame(i, i, 0, {"lidar": cloud, "other": cloud}), rig) for i, rig in enumerate((RIG, OTHER))]
     list(single.run(frames, INFO, lambda rig: rig, {"lidar"}))
     assert [sorted(sent.messages) for sent in sent_to(single)] == [["lidar"], ["lidar", "other"]]
+
+
+def test_a_signal_just_after_a_process_began_leaves_no_thread_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[overlap._Process] = []
+
+    def interrupted(process: overlap._Process) -> None:
+        made.append(process)
+        raise TerminatedError
+
+    monkeypatch.setattr(overlap, "closing", interrupted)
+    with pytest.raises(TerminatedError):
+        Overlap("lidar3d", [], 1)
+    assert [t.name for t in threading.enumerate() if t.name.startswith("fbench-overlap")] == []
+    made.pop().close()
 
 
 def test_what_waits_for_a_frame_doesnt_grow_with_the_log() -> None:

@@ -11,7 +11,7 @@ from tests.replay.engine.test_run import content
 from tests.replay.fakes import MS, Echo, FakeLog, cloud, drive
 
 import fbench.replay.engine.read_ahead as module
-from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.errors import ConfigError, LogError, TerminatedError
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.engine.excerpt import Excerpt
@@ -85,6 +85,24 @@ def test_failing_pipeline_ends_the_thread(tmp_path, limit):
     with pytest.raises(Exception, match="failed on 10 frames in a row"):
         play(tmp_path / "run", limit, FaultLog(), Fails())
     assert threads() == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("has_started", [True, False])
+def test_a_signal_that_comes_while_the_thread_starts_ends_it(tmp_path, monkeypatch, has_started):
+    start, begun = threading.Thread.start, []
+
+    def interrupted(thread):
+        begun.append(thread)
+        if has_started:
+            start(thread)
+        raise TerminatedError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", interrupted)
+        with pytest.raises(TerminatedError):
+            play(tmp_path / "run", 1, FaultLog())
+    assert [thread.is_alive() for thread in begun] == [False]
     assert list(tmp_path.iterdir()) == []
 
 
