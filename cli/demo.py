@@ -192,7 +192,7 @@ def _write(what: "Experiment", results: "Results", done: "Done") -> list[Path]:
     from fbench.replay.data.scores import ScoreOptions, table_rows
     from fbench.replay.runs.folder import Run
     from fbench.reports.html.page import HtmlReport
-    from fbench.reports.markdown import markdown, measured_markdown
+    from fbench.reports.markdown import markdown, markdown_of_times
 
     folder = what.folder
     runs = [
@@ -207,7 +207,7 @@ def _write(what: "Experiment", results: "Results", done: "Done") -> list[Path]:
     for name, values in (("results", content), ("latency", measured)):
         replace_text(folder / f"{name}.json", json.dumps(values, indent=1, allow_nan=False) + "\n")
     replace_text(folder / "results.md", markdown(results))
-    replace_text(folder / "latency.md", measured_markdown(results))
+    replace_text(folder / "latency.md", markdown_of_times(results))
     if what.content:
         replace_text(folder / SUITE, what.content)
     write_tables(folder, what.name_cells(done), done[0][1].cell.scoring if done else ScoreOptions())

@@ -15,7 +15,7 @@ def markdown(results: Results) -> str:
     return "\n".join(lines) + "\n"
 
 
-def measured_markdown(results: Results) -> str:
+def markdown_of_times(results: Results) -> str:
     """Return the page of what was measured, which differs from run to run."""
     return "\n".join([f"# {results.title}: times", *_tables(results.measured)]) + "\n"
 

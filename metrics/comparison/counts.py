@@ -16,7 +16,7 @@ from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import views
 from fbench.metrics.runs.streaming import stream_runs
 from fbench.metrics.tracking.clear_events import SWITCH
-from fbench.metrics.tracking.identity import identified
+from fbench.metrics.tracking.identity import find_identified
 from fbench.metrics.tracking.scores import follow_tracks, require_unique_ids
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -193,7 +193,7 @@ def _count_tracks(view: View, group: Group, part: Part | None, frames: Int64) ->
     if not has_id[pairs.estimate_of >= 0].all():  # matches without an id don't count
         rows = _find_switches(problem.truth_id, pairs.estimate_of, judged, has_id)
     switches, right = (
-        np.bincount(truth[r], minlength=len(frames)) for r in (rows, identified(problem, view.match.floor))
+        np.bincount(truth[r], minlength=len(frames)) for r in (rows, find_identified(problem, view.match.floor))
     )
     return np.column_stack([count_outcomes(judged, frames), switches, right]).astype(np.int64)
 

@@ -119,12 +119,12 @@ def find_changes(pair: CellPair, most: int = 50) -> tuple[list[ObjectChange], li
         return [], []
     options = options_of(pair.base.scores)
     base, head = (_Side(side.run, options) for side in (pair.base, pair.head) if side.run is not None)
-    events = [*_missed(base, head), *_alarms(base, head), *_switches(base, head)]
+    events = [*_misses(base, head), *_alarms(base, head), *_switches(base, head)]
     changes = sorted(join_events(events, str(pair.name), head.records), key=lambda c: (-c.num_frames, c.from_s, str(c)))
     return changes[:most], _worst(pair, head.records)
 
 
-def _missed(base: _Side, head: _Side) -> Iterator[Event]:
+def _misses(base: _Side, head: _Side) -> Iterator[Event]:
     """Yield truth boxes that one side found and the other didn't."""
     c = base.judged.candidates
     for key, n in base.keys.items():

@@ -93,7 +93,7 @@ class Matrix:
 
     def space(self, pipeline: str) -> Space:
         """In which a pipeline's own boxes are."""
-        spaces = spaces_of(_scored(cell for cell in self.cells if cell.pipeline == pipeline))
+        spaces = spaces_of(_scored_runs(cell for cell in self.cells if cell.pipeline == pipeline))
         return spaces[-1] if spaces else "3D"
 
     def logs(self, condition: str, severity: str) -> set[str]:
@@ -111,7 +111,7 @@ class Matrix:
         for cell in own:
             if cell.run is None:
                 return Figure(None, f"failed on {cell.log}: {cell.reason}")
-        return pool(_scored(own), metric, self.space(pipeline)) if own else Figure(None, "no run")
+        return pool(_scored_runs(own), metric, self.space(pipeline)) if own else Figure(None, "no run")
 
     @cached_property
     def _pieces(self) -> dict[tuple[str, str, str], dict[tuple[str, str], tuple[int, ...]]]:
@@ -174,7 +174,7 @@ class Matrix:
         return (None, None) if value is None else self.how.interval(resamples)
 
 
-def _scored(cells: Iterable[Cell]) -> list[ScoredRun]:
+def _scored_runs(cells: Iterable[Cell]) -> list[ScoredRun]:
     return [
         ScoredRun(cell.pipeline, f"{cell.condition}:{cell.severity}", cell.log, cell.run.scores)
         for cell in cells if cell.run is not None

@@ -34,11 +34,11 @@ def identity_counts(problem: Problem, floor: float) -> IdentityCounts:
     Two boxes need a similarity of `floor` to count as the same.
     """
     num_truth, num_estimates = problem.pairs.shape
-    tp = len(identified(problem, floor))
+    tp = len(find_identified(problem, floor))
     return IdentityCounts(tp, num_truth - tp, num_estimates - tp)
 
 
-def identified(problem: Problem, floor: float) -> Int64:
+def find_identified(problem: Problem, floor: float) -> Int64:
     """Return the truth boxes (K,), ascending, that have a box of their own track's one partner near them."""
     place = np.flatnonzero(problem.pairs.values >= floor)
     track_pair, pair_of = near_pairs(problem, place)

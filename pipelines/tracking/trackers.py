@@ -270,7 +270,7 @@ class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
             near = association.mahalanobis_nearness(tracks.states, found, self._measured_std, p.max_mahalanobis)
             return near, 0.0
         if p.association == "distance":
-            gate_m = p.gate_m + self._growth_mps(tracks) * self._waited_s(tracks, stamp_ns)
+            gate_m = p.gate_m + self._growth_mps(tracks) * self._wait_s(tracks, stamp_ns)
             return association.nearness(distance_bev(center, found), gate_m), 0.0
         a = np.column_stack([center, tracks.last["size_lwh_m"], tracks.last["yaw_rad"]])
         b = np.column_stack([found, detections["size_lwh_m"], detections["yaw_rad"]])
@@ -282,7 +282,7 @@ class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
         if self._params.association != "giou":
             return None
         slow_mps = np.where(tracks.labels() == "pedestrian", self._params.pedestrian_gate_mps, np.inf)
-        reach_m = np.minimum(self._growth_mps(tracks), slow_mps) * self._waited_s(tracks, stamp_ns)
+        reach_m = np.minimum(self._growth_mps(tracks), slow_mps) * self._wait_s(tracks, stamp_ns)
         far_m = distance_bev(tracks.states[PLACE], detections["center_m"])
         return association.nearness(far_m, np.maximum(reach_m, MIN_STD))
 
@@ -293,7 +293,7 @@ class Tracker3D(Tracker[Boxes3D, Tracker3DParams]):
         return np.where((tracks.hits == 1) & ~has_velocity, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
 
     @staticmethod
-    def _waited_s(tracks: Tracks, stamp_ns: int) -> Float64:
+    def _wait_s(tracks: Tracks, stamp_ns: int) -> Float64:
         """For how long each track (T,) wasn't measured."""
         return (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
 

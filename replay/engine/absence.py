@@ -47,7 +47,7 @@ class Absences:
         late_ms = self._counts.late_ms.get((index, sensor))
         if late_ms is not None:
             return Absence("late", round(late_ms * 1e6))
-        arrivals, (stamps, logs) = self._counts.arrivals[sensor], self._unused(sensor)
+        arrivals, (stamps, logs) = self._counts.arrivals[sensor], self._unused_times(sensor)
         if not len(stamps):
             return Absence("never")
         opened_ns, limit_ns = self._buffer.opened_ns[index], _near_ns(arrivals, self._params)
@@ -65,7 +65,7 @@ class Absences:
         early_ns = opened_ns - int(logs[row])
         return Absence("early", early_ns) if early_ns > self._params.max_gap_ns else Absence("off", away_ns)
 
-    def _unused(self, sensor: str) -> tuple[Int64, Int64]:
+    def _unused_times(self, sensor: str) -> tuple[Int64, Int64]:
         """Stamps, ascending, and log times of the messages in no frame."""
         if sensor not in self._sorted:
             arrivals = self._counts.arrivals[sensor]

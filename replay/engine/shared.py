@@ -194,13 +194,13 @@ class SharedReader(ReaderWrapper):
 
     def events(self) -> Iterator[Event]:
         """The same with the instants of boxes, which aren't kept."""
-        return self._disturbed().events()
+        return self._disturb().events()
 
     def read_alone(self) -> Iterator[Event]:
         """Read and disturb all messages for this replay only."""
-        return self._disturbed().messages()
+        return self._disturb().messages()
 
-    def _disturbed(self) -> Reader:
+    def _disturb(self) -> Reader:
         if not self.disturbance:
             return self._reader
         return DisturbedReader(self._reader, self.disturbance, self.effects, self.is_used)

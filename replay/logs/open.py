@@ -84,9 +84,9 @@ def open_container(path: Path, faults: FaultLog) -> Container:
     if path.name == LOG_JSON or (path / LOG_JSON).is_file():
         from fbench.replay.logs.containers.parquet.folder import ParquetFolder
 
-        return ParquetFolder(_named(path.parent if path.name == LOG_JSON else path), faults)
+        return ParquetFolder(_name_folder(path.parent if path.name == LOG_JSON else path), faults)
     if path.is_dir() or path.name == _METADATA:
-        return _folder(_named(path if path.is_dir() else path.parent), faults)
+        return _folder(_name_folder(path if path.is_dir() else path.parent), faults)
     return _file(path, faults)
 
 
@@ -101,7 +101,7 @@ def _is_log_folder(path: Path) -> bool:
     return any((path / name).is_file() for name in (LOG_JSON, _METADATA))  # Parquet; rosbag2
 
 
-def _named(folder: Path) -> Path:
+def _name_folder(folder: Path) -> Path:
     """Return a path that ends with the name of the folder, which `.` and `..` don't."""
     return folder.resolve() if folder.name in ("", "..") else folder
 

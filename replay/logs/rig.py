@@ -43,7 +43,7 @@ class RigState:
         if not self.patch.edges:
             return self.logged
         # Replaced transforms begin where the log itself has the body.
-        return self.patch.tree(self.logged, self.setup.body or self._logged_body())
+        return self.patch.tree(self.logged, self.setup.body or self._find_body())
 
     def take(self, entry: Entry) -> bool:
         """Take a transform or calibration, and tell whether it says anything new; damaged ones are counted."""
@@ -101,15 +101,15 @@ class RigState:
         if self.setup.body:
             return self.setup.body
         try:
-            return self.tree.body(self.frames()) or self._logged_body()
+            return self.tree.body(self.frames()) or self._find_body()
         except DecodeError as error:
             others = [frame for kind, frame in self._sensors().values() if kind != "camera"]
             with suppress(DecodeError):
-                return self.tree.body(others) or self._logged_body()
+                return self.tree.body(others) or self._find_body()
             advice = "repair /tf_static, or leave sensors out with --topics '!NAME'"
             raise LogError(f"{self.container.path}: {error}; {advice}", "CAL001") from error
 
-    def _logged_body(self) -> str:
+    def _find_body(self) -> str:
         """The first name of a body that the log's transforms have, whether or not sensors are linked to it."""
         names = {name for child, edge in self.logged.edges.items() for name in (child, edge.parent)}
         return next((name for name in BODIES if name in names), BODY)

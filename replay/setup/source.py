@@ -137,7 +137,7 @@ def log_source(request: LogRequest) -> LogSource:
         inputs.append(_input_entry("rig", file))
     decoders = [name_decoder(name, is_required=True) for name in request.decoder]
     if path is not None and config.decoder:
-        decoders += _configured_decoders(config, path, request)
+        decoders += _load_decoders(config, path, request)
     inputs += [_decoder_entry(named) for named in decoders]
     setup = replace(
         setup,
@@ -160,7 +160,7 @@ def name_decoder(name: str, *, is_required: bool = False) -> NamedDecoder:
     return NamedDecoder(f"{Path(path).name}:{function}" if path else name, decoder, is_required)
 
 
-def _configured_decoders(config: Config, path: Path, request: LogRequest) -> list[NamedDecoder]:
+def _load_decoders(config: Config, path: Path, request: LogRequest) -> list[NamedDecoder]:
     """Decoders that a configuration names and the command line doesn't. A file that lies beside a log by chance may be
     anybody's, so that the user must name it, or the configuration.
     """

@@ -167,7 +167,7 @@ def align(samples: Sequence[Sample], camera: str) -> Alignment:
     clear = [item for item in found if _is_clear(scene, here, item[1])]
     turn, there = max(clear or found[:1], key=lambda item: item[1].score)
     x, y, z = (round(float(value), 3) + 0.0 for value in turn)
-    pitch, yaw, roll = (_noticed_deg(scene, line) for line in lines)
+    pitch, yaw, roll = (_noticeable_deg(scene, line) for line in lines)
     num_blocks = sum(int(np.sum(np.bincount(blocks) >= _BLOCK_EDGES)) for blocks in scene.blocks)
     return Alignment(camera, num, (x, y, z), here.score, there.score, bool(clear), num_blocks, (pitch, yaw, roll))
 
@@ -222,7 +222,7 @@ def _best_step(line: Sequence[_Values], at: int) -> int:
     return max(near, key=lambda i: line[i].score)
 
 
-def _noticed_deg(scene: _Scene, line: Sequence[_Values]) -> float | None:
+def _noticeable_deg(scene: _Scene, line: Sequence[_Values]) -> float | None:
     """From which error on all errors about one axis, to either side, are clear when they are planted; `None`: none."""
     noticed = None
     for planted in sorted(_PLANTED_DEG, reverse=True):

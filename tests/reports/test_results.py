@@ -6,7 +6,7 @@ from tests.reports.conftest import Page, Plan
 
 from fbench.replay.data.scores import Column, Curves, Figure, Line, Results, ResultTable
 from fbench.reports.html import HtmlReport
-from fbench.reports.markdown import markdown, measured_markdown
+from fbench.reports.markdown import markdown, markdown_of_times
 
 TABLE = ResultTable(
     "accuracy", "Accuracy, %", (Column("F1"), Column("fog", "change")),
@@ -55,7 +55,7 @@ def test_markdown_keeps_measured_tables_apart():
     )
     results = replace(RESULTS, measured=(times,))
     assert markdown(results) == markdown(RESULTS)
-    text = measured_markdown(results)
+    text = markdown_of_times(results)
     assert text.startswith("# The city: times\n\n## Latency by stage, ms\n")
     assert "| mine |" in text
     assert "4.00" in text

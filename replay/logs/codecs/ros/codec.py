@@ -203,9 +203,9 @@ class _RosCodec:
 
     def assembler(self) -> Assembler | None:
         """Make one where a message is a part of a scan."""
-        return None if self._type.number is None else delphi.ReturnAssembler(self._numbered)
+        return None if self._type.number is None else delphi.ReturnAssembler(self._number_scan)
 
-    def _numbered(self, data: memoryview, origin: Origin) -> tuple[int, RadarScan]:
+    def _number_scan(self, data: memoryview, origin: Origin) -> tuple[int, RadarScan]:
         with self._guard(self._type.number, "return") as number:
             scan = self.message("radar", data, origin)
             if not isinstance(scan, RadarScan):
