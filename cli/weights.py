@@ -95,7 +95,7 @@ def train(
     from fbench.pipelines.models.weights import AUTO, resolve
 
     start = AUTO if weights == AUTO else None if weights is None else resolve(expand_user(weights))
-    recipe = Recipe(TrainRequest(model, _find_logs(logs), seed, steps, device, threads, start))
+    recipe = Recipe(TrainRequest(model, _find_logs(logs, model), seed, steps, device, threads, start))
     loop = recipe.loop
     num_recorded = recipe.num_recorded
     num = format_count(len(loop.samples), "frame" if model == "learned3d" else "image")
@@ -220,12 +220,13 @@ def _count(blocks: Iterable[bytes], progress: Callable[[int], None]) -> Iterator
         yield block
 
 
-def _find_logs(places: Iterable[Path]) -> Sequence[Path]:
+def _find_logs(places: Iterable[Path], model: str) -> Sequence[Path]:
     from fbench.replay.logs.open import find_logs
 
+    what = "training-points" if model == "learned3d" else "training"
     found = dict[Path, Path]()  # By where they are, as a log counts once however it is named
     for place in places:
-        hint = "" if place.suffix else f"; to make logs: fbench log simulate training -o {place}"
+        hint = "" if place.suffix else f"; to make logs: fbench log simulate {what} -o {place}"
         if not place.exists():
             raise ConfigError(f"{place}: no such file or folder{hint}")
         if not (own := find_logs(place)):

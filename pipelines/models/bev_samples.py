@@ -8,11 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.models.measured_logs import measure_log
+from fbench.pipelines.models.measured_logs import MeasuredFrame, measure_log
 from fbench.pipelines.models.samples import by_kind, gather
 from fbench.pipelines.models.settings import LoopSettings
 from fbench.pipelines.sensors.bev.decoding import CLASSES
 from fbench.pipelines.sensors.bev.grid import REACH_M, SLICES_M, BevPoints
+from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.merged import viewpoint
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog, StagedFaults
@@ -20,7 +21,7 @@ from fbench.replay.data.arrays import Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import Rig
-from fbench.replay.geometry.camera import not_projectable, project_body
+from fbench.replay.geometry.camera import can_project, project_body
 from fbench.replay.geometry.kernels import kernel
 
 Sensors = Literal["both", "lidar", "radar"]
@@ -76,41 +77,49 @@ def bev_samples(logs: Sequence[Path], threads: int, faults: FaultLog) -> list[Be
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points of one frame around the vehicle."""
+
+    stamp_ns: int
+    rig: Rig
+    points: BevPoints
+    plane: Plane
+
+
+def _keep_points(of: MeasuredFrame) -> _Points:
+    return _Points(of.frame.stamp_ns, of.rig, _crop(of.points), of.plane)
+
+
 def _read_log(path: Path) -> tuple[list[BevSample], StagedFaults]:
-    faults = StagedFaults()
-    log = measure_log(path, faults)
-    rig, info = log.rig, log.info
-    truths = [(index, truth) for index, truth in log.truths if truth.boxes3d is not None]
-    centers = [t.boxes3d.center_m for _, t in truths if t.boxes3d is not None]
-    cameras = [
-        name for name in sorted(rig.cameras) if name not in rig.bare and not_projectable(rig.cameras[name]) is None
-    ]
-    if not (cameras and _in_view(rig, cameras, np.concatenate([np.zeros((0, 3)), *centers]), 0.1).all()):
-        cameras = []
-    found = []
-    for index, truth in truths:
-        if truth.boxes3d is None:
-            continue
-        stamp_ns, (_, points, plane) = log.frames[index].stamp_ns, log.points[index]
+    faults, found = StagedFaults(), list[BevSample]()
+    info, frames = measure_log(path, "learned3d", _keep_points, faults)
+    labeled = [(kept, truth.boxes3d) for kept, truth in frames if truth.boxes3d is not None]
+    only_in_view = all(_in_view(kept.rig, boxes.center_m, 0.1).all() for kept, boxes in labeled)
+    for kept, truth in labeled:
+        rig, points, plane = kept.rig, kept.points, kept.plane
         eyes = [rig.body_T_sensor(name)[2, 3] for name in rig.sensors("lidar")]
         eye = np.array([*viewpoint(rig, "lidar")[:2], np.mean(eyes) - plane.height_m if eyes else 0.0])
-        center = truth.boxes3d.center_m.copy()
+        center = truth.center_m.copy()
         center[:, 2] -= plane.z_m(center)
-        boxes, ids = make_rows(replace(truth.boxes3d, center_m=center))
+        boxes, ids = make_rows(replace(truth, center_m=center))
         near = np.abs(boxes[:, :2]).max(axis=1, initial=0) < REACH_M + 5
-        name = f"{info.name} {info.log_id} {stamp_ns}"
-        if cameras:  # only what they see was labeled
-            rows = [part[_in_view(rig, cameras, part[:, :3], 0.0)] for part in (points.lidar, points.radar)]
-            points = BevPoints(*rows)
+        name = f"{info.name} {info.log_id} {kept.stamp_ns}"
+        if only_in_view and _cameras(rig):  # only what they see was labeled
+            points = BevPoints(*(part[_in_view(rig, part[:, :3], 0.0)] for part in (points.lidar, points.radar)))
         is_recorded = SIMULATED not in info.metadata
-        found.append(BevSample(name, _crop(points), eye.astype(np.float32), boxes[near], ids[near], is_recorded))
+        found.append(BevSample(name, points, eye.astype(np.float32), boxes[near], ids[near], is_recorded))
     return found, faults
 
 
-def _in_view(rig: Rig, cameras: Sequence[str], xyz: Float64 | Float32, margin: float) -> Bool:
+def _cameras(rig: Rig) -> list[str]:
+    return [name for name in sorted(rig.cameras) if can_project(rig, name)]
+
+
+def _in_view(rig: Rig, xyz: Float64 | Float32, margin: float) -> Bool:
     """Tell which points (N, 3) lie between the left and right edges of an image, or beside by a share of its width."""
     inside = np.zeros(len(xyz), np.bool_)
-    for name in cameras:
+    for name in _cameras(rig):
         wide, u = rig.cameras[name].size_wh[0], project_body(rig, name, xyz)[0][:, 0]
         inside |= (u > -margin * wide) & (u < (1 + margin) * wide)
     return inside

@@ -18,6 +18,8 @@ from fbench.pipelines.models.settings import LoopSettings
 from fbench.replay.contracts.errors import ConfigError
 
 _STATE = {"made_from", "step", "losses", "network", "averaged", "optimizer"}
+_DAMAGED = (RuntimeError, UnpicklingError, EOFError, LookupError, ValueError, TypeError, AttributeError, AssertionError)
+"""What reading a file raises that is no checkpoint: torch takes its bytes for instructions."""
 Report = Callable[[int, float], None]  # Called with the number of steps done and the latest loss
 
 
@@ -120,10 +122,17 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
 
     def resume(self, checkpoint: Path) -> None:
         """Go on from a checkpoint. Raises ConfigError where it is damaged, or of another training."""
-        state = _load(checkpoint, self.device)
-        own = self._identity()
-        if state["made_from"] != own:
-            other = [name for name in own if state["made_from"].get(name) != own[name]]
+        try:
+            self._restore(checkpoint, torch.load(checkpoint, weights_only=True, map_location=self.device))
+        except _DAMAGED as error:
+            raise ConfigError(f"{checkpoint}: damaged, or no checkpoint; delete it, or name another") from error
+
+    def _restore(self, checkpoint: Path, state: Any) -> None:
+        if not isinstance(state, dict) or set(state) != _STATE:
+            raise ConfigError(f"{checkpoint}: no checkpoint of a training; delete it, or name another")
+        own, its = self._identity(), dict(state["made_from"])
+        if its != own:
+            other = [name for name in own if its.get(name) != own[name]]
             what = f"a checkpoint of a training with other {' and '.join(other)}"
             raise ConfigError(f"{checkpoint}: {what}; delete it, or name another file with -o")
         self.network.load_state_dict(state["network"])
@@ -138,16 +147,6 @@ class Loop(ABC, Generic[Example, Settings, Network, Batch]):
             "device": self.device, "threads": str(self.threads), "version of torch": str(torch.__version__),
             "weights to start from": "none" if self.weights is None else self.weights.sha256,
         }  # fmt: skip
-
-
-def _load(checkpoint: Path, device: str) -> dict[str, Any]:
-    try:
-        state: dict[str, Any] = torch.load(checkpoint, weights_only=True, map_location=device)
-    except (RuntimeError, UnpicklingError, EOFError) as error:
-        raise ConfigError(f"{checkpoint}: damaged, or no checkpoint; delete it, or name another") from error
-    if not isinstance(state, dict) or set(state) != _STATE:
-        raise ConfigError(f"{checkpoint}: no checkpoint of a training; delete it, or name another")
-    return state
 
 
 def _rate(step: int, settings: LoopSettings) -> float:

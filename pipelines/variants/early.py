@@ -76,7 +76,7 @@ class OneCloud(FusionPipeline[B]):
         self._min_echoes = resolve_min_echoes(None, log_info)
         learning = self._learning
         if self._network is not None:
-            self._network.start(self.name, rig)
+            self._network.start(self.name, rig, log_info)
             learning = (*learning, self._network)
         self._remember(self._depth, *learning)
         super().start(rig, log_info)

@@ -66,6 +66,7 @@ class Late2D(FusionPipeline[Boxes2D]):
         self._radar = RadarInImages(rig, log_info, cameras, echoes, params.radar, params.radar_image)
         self._stereo = None if pair is None else StereoInImages(rig, cameras, pair)
         self._remember(self._fusion, self._lidar)
+        self.weights = {**self._cameras.identity, **self._lidar.identity}
         super().start(rig, log_info)
 
     def required_sensors(self) -> tuple[str, ...]:
@@ -127,6 +128,7 @@ class Late3D(FusionPipeline[Boxes3D]):
         self._radar = RadarStage(rig, log_info, self._params.radar, settings)
         self._fusion = LateFusion(resolve_weight(self._params.fusion, self._lidar.judge, bool(self._cameras.used)))
         self._remember(self._fusion, self._lidar)
+        self.weights = {**self._cameras.identity, **self._lidar.identity}
         super().start(rig, log_info)
 
     def warnings(self) -> tuple[Fault, ...]:

@@ -2,16 +2,22 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector, warn_of_other_world
+from fbench.pipelines.sensors.bev.detector import (
+    BevParams,
+    LidarNetworkParams,
+    describe_weights,
+    open_detector,
+    warn_of_other_world,
+)
 from fbench.pipelines.sensors.bev.stage import KINDS, BevStage, BevView
 from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.sensors.radar.stage import RadarParams
 from fbench.pipelines.tracking.params import Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.trackers import Tracker3D
+from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import CheckedParams, StageClock, in_range
 from fbench.replay.contracts.sensor_settings import SensorSettings
-from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
@@ -32,6 +38,11 @@ class Learned3DParams(CheckedParams):
     by_sensor: tuple[str, ...] = ()
     """Of one sensor, by its name: `--set top.min_range_m=1` goes before `lidar.min_range_m`; see `late3d`."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lidar.detector == "learned" or self.lidar.network != LidarNetworkParams():
+            raise ConfigError("lidar.detector and lidar.network: learned3d has a network of its own, set network")
+
 
 class Learned3D(TrackingPipeline[Boxes3D]):
     """Labeled boxes in 3D from all LiDARs and radars together, or from one kind alone; with velocity where an echo
@@ -43,8 +54,7 @@ class Learned3D(TrackingPipeline[Boxes3D]):
         self._detector = open_detector(params.network)
         self._params = params
         self.kinds = KINDS[self._detector.sensors]
-        if params.network.weights == "auto":
-            self.weights = {"network.weights": describe_file(BUILTIN)}
+        self.weights = describe_weights(params.network)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs and radars of the rig, or those of one kind. Raises LogError where it has none."""

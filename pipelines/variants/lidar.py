@@ -63,6 +63,7 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
         params, settings = self._params, SensorSettings(self._params, rig)
         self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings)
         self._remember(self._lidar)
+        self.weights = self._lidar.identity
         super().start(rig, log_info)
 
     def warnings(self) -> tuple[Fault, ...]:
@@ -91,6 +92,7 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
         require("lidar3d", ("lidar",), rig, log_info)
         self._lidar = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
         self._remember(self._lidar)
+        self.weights = self._lidar.identity
         super().start(rig, log_info)
 
     def warnings(self) -> tuple[Fault, ...]:

@@ -75,6 +75,11 @@ def not_projectable(camera: CameraModel) -> str | None:
     return None
 
 
+def can_project(rig: Rig, name: str) -> bool:
+    """Tell whether a camera has transform, intrinsics, and a distortion that is modeled."""
+    return name not in rig.bare and name in rig.cameras and not_projectable(rig.cameras[name]) is None
+
+
 def require_projection(rig: Rig, name: str) -> None:
     """Refuse a camera without projection. Raises LogError without transform or intrinsics, or where distortion isn't
     modeled.

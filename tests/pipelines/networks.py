@@ -29,5 +29,12 @@ def encode_pixels(
     return field(1, 8) + field(7, graph) + field(8, field(2, 13)) + more
 
 
+def encode_identity(shape: tuple[int, ...], name: str) -> bytes:
+    """An ONNX file whose output is its input, called `name`."""
+    graph = field(1, _node("Identity", [name], "out"))
+    graph += field(2, "identity") + field(11, port(name, "float32", shape)) + field(12, port("out", "float32", shape))
+    return field(1, 8) + field(7, graph) + field(8, field(2, 13))
+
+
 def _node(kind: str, inputs: list[str], output: str) -> bytes:
     return b"".join(field(1, name) for name in inputs) + field(2, output) + field(4, kind)

@@ -21,13 +21,14 @@ from fbench.pipelines.sensors.camera.detector import (
 from fbench.pipelines.sensors.camera.families import RGBD
 from fbench.pipelines.sensors.camera.layouts import Placement, Size
 from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.sensors.radar.stage import Compensated
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.messages import Image
-from fbench.replay.data.rig import Rig
+from fbench.replay.data.rig import LogInfo, Rig
 
 RGBD_WEIGHTS = CITY_WEIGHTS.with_name("rgbd.onnx")  # See `docs/learned.md`
 
@@ -66,8 +67,11 @@ class RgbdStage:
         self.cameras, self._share = CameraStage(params), share
         self.reset()
 
-    def start(self, pipeline: str, rig: Rig) -> None:
-        """Take the cameras, which were started. Raises ConfigError where none of them has weights for this log."""
+    def start(self, pipeline: str, rig: Rig, log_info: LogInfo) -> None:
+        """Take the cameras, which were started. Raises LogError where there is none, ConfigError where none of them has
+        weights for this log.
+        """
+        require(f"{pipeline} with detector=rgbd", ("camera",), rig, log_info)
         if not self.cameras.used:
             raise ConfigError(
                 f"{pipeline} with detector=rgbd needs a network for this log: --set rgbd.weights=FILE.onnx"

@@ -9,12 +9,13 @@ import numpy as np
 
 from fbench.pipelines.models.weights import AUTO
 from fbench.pipelines.sensors.bev.decoding import CLASSES, NUM_OUTPUTS, STRIDE, DecodingParams, decode
-from fbench.pipelines.sensors.bev.grid import NUM_CHANNELS, SIDE, BevPoints, rasterize
+from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, NUM_CHANNELS, SIDE, BevPoints, rasterize
 from fbench.pipelines.sensors.bev.pillars import PillarDetector, PillarLayout, is_pillar_head, read_layout
 from fbench.pipelines.sensors.camera.model import ORT_ERRORS, first_line, load
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
 from fbench.replay.contracts.params import CheckedParams, in_range
+from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Fault
 from fbench.replay.data.metadata import SIMULATED
@@ -32,6 +33,8 @@ Sensors: TypeAlias = Literal["both", "lidar", "radar"]
 class BevParams(CheckedParams, prefix="network"):
     """Parameters of the bird's-eye network."""
 
+    name = "network"
+    """How a pipeline names them"""
     weights: Literal["auto"] | Path = AUTO
     """An ONNX file made by `fbench weights train --model learned3d`, or the head of Autoware's CenterPoint; `auto`:
     fbench's own."""
@@ -46,6 +49,15 @@ class BevParams(CheckedParams, prefix="network"):
     min_score: float = in_range(0.4, 0, 1)  # Boxes with a lower score are dropped.
     threads: int = in_range(2, 1)
     """Threads of onnxruntime at most, and no more than there are processors; results are the same for any number."""
+
+
+@dataclass(frozen=True)
+class LidarNetworkParams(BevParams, prefix="lidar.network"):
+    """Parameters of the bird's-eye network in detection by LiDAR."""
+
+    name = "lidar.network"
+    min_score: float = in_range(0.1, 0, 1)
+    """Boxes with a lower score don't count; whether the others are reported is decided where sensors are fused."""
 
 
 class Detector(Protocol):
@@ -71,15 +83,22 @@ def open_detector(params: BevParams) -> Detector:
         raise ModelError(f"{path}: {error}") from error
     if not is_pillar_head(session):
         if params.encoder is not None or params.layout is not None:
-            raise ConfigError(f"{path}: isn't the head of a CenterPoint, so network.encoder and layout mean nothing")
+            raise ConfigError(
+                f"{path}: isn't the head of a CenterPoint, so {params.name}.encoder and layout mean nothing"
+            )
         return _Filter(BevDetector(session, path), params, CLASSES, params.sensors or "both")
     if params.encoder is None:
-        raise ConfigError(f"{path}: needs the voxel encoder that belongs to it: --set network.encoder=FILE")
+        raise ConfigError(f"{path}: needs the voxel encoder that belongs to it: --set {params.name}.encoder=FILE")
     if params.sensors == "radar":
-        raise ConfigError(f"{path}: detects in points of LiDARs; network.sensors=radar leaves it none")
+        raise ConfigError(f"{path}: detects in points of LiDARs; {params.name}.sensors=radar leaves it none")
     layout = PillarLayout() if params.layout is None else read_layout(params.layout)
-    pillars = PillarDetector(session, path, params.encoder, layout, threads)
+    pillars = PillarDetector(session, path, params.encoder, layout, threads, params.name)
     return _Filter(pillars, params, pillars.classes, "lidar")
+
+
+def describe_weights(params: BevParams) -> dict[str, object]:
+    """Say what the built-in network is, where it is used; of another one the parameter tells."""
+    return {f"{params.name}.weights": describe_file(BUILTIN)} if params.weights == AUTO else {}
 
 
 def is_of_other_world(params: BevParams, log_info: LogInfo) -> bool:
@@ -92,7 +111,7 @@ def warn_of_other_world(params: BevParams, log_info: LogInfo) -> tuple[Fault, ..
     if not is_of_other_world(params, log_info):
         return ()
     text = (
-        "network: the built-in one knows the simulated city alone; train one on logs such as this: "
+        f"{params.name}: the built-in one knows the simulated city alone; train one on logs such as this: "
         "fbench weights train LOGS --model learned3d --weights auto -o own.onnx"
     )
     return (Fault("PRD007", text),)
@@ -107,7 +126,7 @@ class _Filter:
         self._detector, self._classes, self.sensors = detector, params.classes, sensors
         for name in params.classes:
             if name not in known:
-                raise ConfigError(f"network.classes: the network knows no '{name}'{did_you_mean(name, known)}")
+                raise ConfigError(f"{params.name}.classes: the network knows no '{name}'{did_you_mean(name, known)}")
 
     def detect(self, points: BevPoints, plane: Plane, least: float) -> Boxes3D:
         boxes = self._detector.detect(points, plane, least)
@@ -115,7 +134,9 @@ class _Filter:
 
 
 class BevDetector:
-    """Runs the network of fbench. Raises ModelError where it is another one."""
+    """Runs the network of fbench, after a trial without points, as the header doesn't tell everything. Raises
+    ModelError where it is another one.
+    """
 
     def __init__(self, session: Any, path: Path) -> None:
         self._session, self._path = session, path
@@ -124,18 +145,20 @@ class BevDetector:
             raise ModelError(
                 f"{path}: not a bird's-eye network of fbench, nor the head of a CenterPoint: takes {ports}"
             )
+        self.detect(BevPoints(NO_LIDAR, NO_RADAR), Plane(0.0, 0.0, 0.0), 1.0)
 
     def detect(self, points: BevPoints, plane: Plane, least: float) -> Boxes3D:
         """Find boxes with at least the score `least` in body coordinates, by falling score; heights of points are above
         `plane`. Raises ModelError where the network fails.
         """
         try:
-            (output,) = self._session.run(None, {"points": rasterize(points)[None]})
+            outputs = self._session.run(None, {"points": rasterize(points)[None]})
         except ORT_ERRORS as error:
             raise ModelError(f"{self._path}: the network failed ({first_line(error)})") from error
-        if output.shape != (1, NUM_OUTPUTS, SIDE // STRIDE, SIDE // STRIDE) or not np.isfinite(output).all():
+        shapes, side = [value.shape if isinstance(value, np.ndarray) else None for value in outputs], SIDE // STRIDE
+        if shapes != [(1, NUM_OUTPUTS, side, side)] or not np.isfinite(outputs[0]).all():
             raise ModelError(f"{self._path}: not the output of a bird's-eye network")
-        boxes = decode(output[0], DecodingParams(least, _MAX_IOU))
+        boxes = decode(outputs[0][0], DecodingParams(least, _MAX_IOU))
         center = boxes.center_m.copy()
         center[:, 2] += plane.z_m(center)
         return replace(boxes, center_m=center)

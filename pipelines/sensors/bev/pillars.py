@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.grid import BevPoints
+from fbench.pipelines.sensors.bev.grid import NO_RADAR, BevPoints
 from fbench.pipelines.sensors.camera.model import ORT_ERRORS, first_line, load
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.rows import suppress
@@ -30,8 +30,8 @@ from fbench.replay.geometry.transforms import wrap_angle
 
 MAX_PILLARS = 40_000  # Of one frame; the first along y, then x count
 _OUTPUTS = {"heatmap": 0, "reg": 2, "height": 1, "dim": 3, "rot": 2, "vel": 2}
-"""Channels of the head's outputs, in their order; those of the heatmap are the classes. With variances, twice as many,
-of which the second half isn't used.
+"""Channels of the head's outputs, in their order; those of the heatmap are the classes. Where the others come with
+variances, they have twice as many, of which the second half isn't used.
 """
 _LEAST_TURN = (
     0.3  # Vehicles whose sine and cosine are shorter than this together have no heading, and count for nothing
@@ -131,10 +131,14 @@ def is_pillar_head(session: Any) -> bool:
 
 
 class PillarDetector:
-    """Runs both networks. Raises ConfigError where a file is missing, ModelError where they aren't such networks."""
+    """Runs both networks, after a trial on one point, as headers don't tell everything. `name` is that of their
+    parameters. Raises ConfigError where a file is missing, ModelError where they aren't such networks.
+    """
 
-    def __init__(self, head: Any, head_path: Path, encoder_path: Path, layout: PillarLayout, threads: int) -> None:
-        self._head, self._path, self._layout = head, head_path, layout
+    def __init__(
+        self, head: Any, head_path: Path, encoder_path: Path, layout: PillarLayout, threads: int, name: str
+    ) -> None:
+        self._head, self._path, self._layout, self._name = head, head_path, layout, name
         try:
             self._encoder = load(encoder_path, threads)
         except ModelError as error:
@@ -146,16 +150,18 @@ class PillarDetector:
                 f"{encoder_path}: not a voxel encoder of x, y, z and time: it takes {[p.shape for p in ports]}"
             )
         self._fixed, self._num_points, self._num_features = shape
-        rows, columns = self._head.get_inputs()[0].shape[2:]
+        self._num_channels, rows, columns = head.get_inputs()[0].shape[1:]
         if any(isinstance(n, int) and n != own for n, own in zip((rows, columns), layout.shape, strict=True)):
             raise ModelError(
                 f"{head_path}: takes {rows} x {columns} cells, but range and voxel size give "
-                f"{layout.shape[0]} x {layout.shape[1]}; name its parameters by network.layout"
+                f"{layout.shape[0]} x {layout.shape[1]}; name its parameters by {name}.layout"
             )
         named = {port.name: port.name for port in head.get_outputs()}
         in_order = dict(zip(_OUTPUTS, named, strict=True))
         self._names = [named.get(name, in_order[name]) for name in _OUTPUTS]
         self.classes = tuple(label(name) for name in layout.classes)
+        middle = (np.array([layout.low_m]) + np.array([layout.high_m])) / 2
+        self.detect(BevPoints(middle.astype(np.float32), NO_RADAR), Plane(0.0, 0.0, 0.0), 1.0)
 
     def detect(self, points: BevPoints, plane: Plane, least: float) -> Boxes3D:
         """Find boxes with at least the score `least` in LiDAR points, in body coordinates, by falling score. Raises
@@ -166,19 +172,29 @@ class PillarDetector:
             features, cell = features[: self._fixed], cell[: self._fixed]
         rows, columns = self._layout.shape
         try:
-            found = self._run(self._encoder, self._fill(features))[0].reshape(-1, self._head.get_inputs()[0].shape[1])
-            canvas = np.zeros((found.shape[1], rows * columns), np.float32)
+            found = np.reshape(self._run(self._encoder, self._fill(features))[0], (-1, self._num_channels))
+            canvas = np.zeros((self._num_channels, rows * columns), np.float32)
             canvas[:, cell] = found[: len(cell)].T
             outputs = self._run(self._head, canvas.reshape(1, -1, rows, columns), self._names)
         except (*ORT_ERRORS, TypeError) as error:
             raise ModelError(f"{self._path}: the network failed ({first_line(error)})") from error
-        sizes = [len(self._layout.classes), *[*_OUTPUTS.values()][1:]]
-        inner = (rows // self._layout.stride, columns // self._layout.stride)
-        for output, size in zip(outputs, sizes, strict=True):
-            fits = output.ndim == 4 and output.shape[2:] == inner and output.shape[1] in (size, 2 * size)
-            if not fits or not np.isfinite(output).all():
-                raise ModelError(f"{self._path}: not the output of such a network: {output.shape} instead of {size}")
+        self._check(outputs)
         return decode(outputs, self._layout, least, plane)
+
+    def _check(self, outputs: Sequence[object]) -> None:
+        """Refuse outputs that aren't as the layout says."""
+        layout = self._layout
+        inner = tuple(num // layout.stride for num in layout.shape)
+        for (name, size), output in zip(_OUTPUTS.items(), outputs, strict=True):
+            sizes = (size, 2 * size) if size else (len(layout.classes),)
+            if not isinstance(output, np.ndarray) or output.shape not in [(1, num, *inner) for num in sizes]:
+                shape = output.shape if isinstance(output, np.ndarray) else "none"
+                raise ModelError(
+                    f"{self._path}: not the output of such a network: '{name}' has the shape {shape} instead of "
+                    f"{(1, sizes[0], *inner)}, which follows from {self._name}.layout"
+                )
+            if not np.isfinite(output).all():
+                raise ModelError(f"{self._path}: not the output of such a network: '{name}' isn't finite")
 
     def _fill(self, features: Float32) -> Float32:
         """Add empty pillars where the encoder takes a fixed number."""

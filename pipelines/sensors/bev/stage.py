@@ -41,15 +41,15 @@ class BevView:
 
 
 class BevInput:
-    """Prepares points for the network, and remembers how the ground lies. Raises LogError where the rig lacks sensors
-    of the kinds that are used.
+    """Prepares points for the network of `model`, and remembers how the ground lies. Raises LogError where the rig
+    lacks sensors of the kinds that are used.
     """
 
     def __init__(
-        self, rig: Rig, log_info: LogInfo, sensors: str, lidar: LidarParams, radar: RadarParams,
+        self, model: str, rig: Rig, log_info: LogInfo, sensors: str, lidar: LidarParams, radar: RadarParams,
         settings: SensorSettings,
     ) -> None:  # fmt: skip
-        require("learned3d", KINDS[sensors], rig, log_info)
+        require(model, KINDS[sensors], rig, log_info)
         self._ground = lidar.ground
         self._lidar = LidarStage(rig, log_info, lidar, settings) if "lidar" in KINDS[sensors] else None
         self._radar = RadarStage(rig, log_info, radar, settings) if "radar" in KINDS[sensors] else None
@@ -100,7 +100,7 @@ class BevStage:
         self, rig: Rig, log_info: LogInfo, network: BevParams, lidar: LidarParams, radar: RadarParams,
         settings: SensorSettings, detector: Detector,
     ) -> None:  # fmt: skip
-        self._input = BevInput(rig, log_info, detector.sensors, lidar, radar, settings)
+        self._input = BevInput("learned3d", rig, log_info, detector.sensors, lidar, radar, settings)
         self._min_score, self._detector = network.min_score, detector
 
     def reset(self) -> None:

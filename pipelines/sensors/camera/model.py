@@ -135,7 +135,11 @@ def load(path: Path, threads: int) -> Any:
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4  # what matters comes back as an exception
     try:
-        return open_session(data, options)
+        session = open_session(data, options)
+        _ = [port.name for port in (*session.get_inputs(), *session.get_outputs())]
+        return session
+    except UnicodeDecodeError as error:
+        raise ModelError("a name in the model isn't UTF-8") from error
     except ORT_ERRORS as error:
         raise ModelError(f"not an ONNX model that can be run ({first_line(error)})") from error
 
@@ -176,7 +180,7 @@ class Model:
             header = ModelHeader(inputs, outputs, dict(self._session.get_modelmeta().custom_metadata_map))
             self._layout = recognize(header, input_wh, channels)
         except UnicodeDecodeError as error:
-            raise ModelError(f"{path}: a name in the model isn't UTF-8") from error
+            raise ModelError(f"{path}: metadata of the model aren't UTF-8") from error
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from error
         self._size = self._layout.input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)

@@ -235,7 +235,7 @@ class LidarInImages:
     ) -> None:  # fmt: skip
         lidar, self._params = resolve_grouping(lidar, image, log_info)
         self._rig, self._cameras, self._stage = rig, cameras, LidarStage(rig, log_info, lidar, settings)
-        self._viewpoint = viewpoint(rig, "lidar")
+        self._viewpoint, self.identity = viewpoint(rig, "lidar"), self._stage.identity
 
     def reset(self) -> None:
         """Forget how the ground lies, and how the body moves."""

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.detector import BevParams
+from fbench.pipelines.sensors.bev.detector import LidarNetworkParams
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, lidar_rows
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, classify
 from fbench.pipelines.sensors.points import vehicle
@@ -62,7 +62,7 @@ class LidarParams(CheckedParams, prefix="lidar"):
     detector: Literal["clusters", "learned"] = "clusters"
     """Whether points are clustered and judged, or a bird's-eye network detects in them: clusters are then what lies in
     its boxes."""
-    network: BevParams = field(default_factory=BevParams)
+    network: LidarNetworkParams = field(default_factory=LidarNetworkParams)
     """That network. In late3d it gets the echoes of radars, too, see `network.sensors`; elsewhere points of LiDARs
     alone."""
 

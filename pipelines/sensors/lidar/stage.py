@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from fbench.pipelines.sensors.bev.detector import Detector, is_of_other_world, open_detector, warn_of_other_world
+from fbench.pipelines.sensors.bev.detector import (
+    Detector,
+    describe_weights,
+    is_of_other_world,
+    open_detector,
+    warn_of_other_world,
+)
 from fbench.pipelines.sensors.bev.grid import NO_RADAR, BevPoints, radar_rows
 from fbench.pipelines.sensors.lidar.clusters import (
     OWN,
@@ -73,15 +79,14 @@ class RejectedClusters:
         return (Fault("PRD005", text),)
 
 
-_LEAST_LEARNED = 0.1  # What the network is less sure of isn't reported, for no other sensor to confirm
 _IN_M = 0.2  # Points so far beside a box are still in it
 _LATTICE = 0.3 * np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 1)])
 """Points in a box, as shares of its size from the middle: boxes of cameras hold some of them, even of what is hidden"""
 
 
-def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | None) -> LidarView:
-    """Take what lies in the boxes of the network for clusters. Boxes in which neither points nor echoes lie are left
-    out; the others say as sources which of both do.
+def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | None, least: float) -> LidarView:
+    """Take what lies in the boxes of the network with at least the score `least` for clusters. Boxes in which neither
+    points nor echoes lie are left out; the others say as sources which of both do.
 
     A box of echoes alone gets a few points inside it, so that it is where the network puts it: many radars measure no
     heights, and a handful of echoes shows no shape.
@@ -92,7 +97,7 @@ def detect_learned(network: Detector, found: Obstacles, echoes: Compensated | No
     if echoes is not None:
         echo_xyz = echoes.xyz
         radar = radar_rows(echo_xyz, echo_xyz[:, 2] - found.plane.z_m(echo_xyz), echoes.range_rate_mps)
-    boxes = network.detect(BevPoints(found.rows, radar), found.plane, _LEAST_LEARNED)
+    boxes = network.detect(BevPoints(found.rows, radar), found.plane, least)
     inside = _boxes_around(found.xyz, boxes)
     has_points, has_echoes = (
         np.isin(np.arange(len(boxes)), numbers) for numbers in (inside, _boxes_around(echo_xyz, boxes))
@@ -134,6 +139,8 @@ class LidarStage:
         self._rig, self._params = rig, resolve_judge(params, log_info)
         is_learned = params.detector == "learned"
         self._network = open_detector(params.network) if is_learned else None
+        self.identity = describe_weights(params.network) if is_learned else {}
+        """Which weights are used, where no parameter names them"""
         self._warned = warn_of_other_world(params.network, log_info) if is_learned else ()
         is_deaf = params.network.sensors is None and is_of_other_world(params.network, log_info)
         self.takes_echoes = self._network is not None and self._network.sensors == "both" and not is_deaf
@@ -172,9 +179,10 @@ class LidarStage:
     def detect(self, found: Obstacles, echoes: Compensated | None = None) -> LidarView:
         """Detect in obstacles as `obstacles` gives them, and in echoes, see `takes_echoes`."""
         if self._network is not None:
-            view = detect_learned(self._network, found, echoes if self.takes_echoes else None)
+            network = self._params.network
+            view = detect_learned(self._network, found, echoes if self.takes_echoes else None, network.min_score)
             # What it doesn't report may be of a class that wasn't asked for.
-            return replace(view, with_echoes=view.with_echoes and not self._params.network.classes)
+            return replace(view, with_echoes=view.with_echoes and not network.classes)
         return complete_trucks(detect(found, self._viewpoint, self._params), self._viewpoint[:2])
 
     def remember(self, view: LidarView) -> LidarView:

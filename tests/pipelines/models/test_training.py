@@ -66,16 +66,36 @@ def test_it_goes_on_from_a_checkpoint_as_if_nothing_had_been(made, tmp_path):
     assert len(second.losses) == 12
 
 
-@pytest.mark.parametrize("damage", ["cut", "text", "other"])
+@pytest.mark.parametrize("damage", ["cut", "not a checkpoint", "hello\n", "PK\3\4", "cos\nsystem\n", "other", "origin"])
 def test_a_damaged_checkpoint_is_refused(made, tmp_path, damage):
     path = tmp_path / "some.pt"
     Training(made, replace(SHORT, steps=1)).run(path, quiet)
     if damage == "other":
         torch.save({"step": 1}, path)
+    elif damage == "origin":
+        torch.save({**torch.load(path, weights_only=True), "made_from": ["logs"]}, path)
     else:
-        path.write_bytes(path.read_bytes()[:1000] if damage == "cut" else b"not a checkpoint")
+        path.write_bytes(path.read_bytes()[:1000] if damage == "cut" else damage.encode())
     with pytest.raises(ConfigError, match=r"some\.pt: .*delete it, or name another"):
         Training(made, SHORT).run(path, quiet)
+
+
+def test_whatever_bytes_a_checkpoint_has_are_one_line(made, tmp_path):
+    path, draw = tmp_path / "some.pt", np.random.default_rng(0)
+    training = Training(made, replace(SHORT, steps=1))
+    training.run(path, quiet)
+    whole, said = path.read_bytes(), []
+    for _ in range(60):
+        data = bytearray(whole)
+        for place in draw.integers(0, 3000, 3):
+            data[place] = int(draw.integers(0, 256))
+        path.write_bytes(data)
+        try:
+            training.resume(path)
+        except ConfigError as error:
+            said.append(str(error))
+    assert len(said) > 10
+    assert not [text for text in said if "\n" in text or not text.startswith(str(path))]
 
 
 def test_a_checkpoint_of_something_else_is_refused(made, tmp_path):

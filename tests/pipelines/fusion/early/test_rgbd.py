@@ -66,7 +66,7 @@ class Stages:
         settings_ = SensorSettings(own, rig)
         self.network = RgbdStage(own.rgbd, own.fusion.camera_share)
         self.network.cameras.start(rig, LOG, settings_)
-        self.network.start("early2d", rig)
+        self.network.start("early2d", rig, LOG)
         self._depth = DepthStage(rig, LOG, own.lidar, settings_, None)
         self._radar = RadarStage(rig, LOG, own.radar, settings_)
 
@@ -224,6 +224,8 @@ def test_weights_of_simulated_logs(pixels: Path):
         Early2D(Early2DParams(detector="rgbd")).start(RIG, LOG)
     with pytest.raises(ConfigError, match="early3d with detector=rgbd needs a network for this log"):
         Early3D(Early3DParams(detector="rgbd")).start(RIG, LOG)
+    with pytest.raises(LogError, match=r"early3d with detector=rgbd needs a camera; the log has: lidar lidar$"):
+        Early3D(Early3DParams(detector="rgbd")).start(RIG.without({"cam", "radar"}), LOG)
     city = Early2D(Early2DParams(detector="rgbd"))
     city.start(RIG, LogInfo("city", "id", {SIMULATED: "1"}))
     assert dict(city.identity()) == {"rgbd.weights": describe_file(RGBD_WEIGHTS)}

@@ -5,23 +5,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.pipelines.frames import cloud, frame, rig, scan
+from tests.pipelines.networks import encode_identity
 
 from fbench.datasets.city.rig import thesis_rig
 from fbench.pipelines.fusion.early.cloud import DepthStage
 from fbench.pipelines.sensors.bev import decoding, grid
 from fbench.pipelines.sensors.bev.decoding import NUM_OUTPUTS, DecodingParams, decode
-from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, open_detector
+from fbench.pipelines.sensors.bev.detector import BUILTIN, BevParams, LidarNetworkParams, open_detector
 from fbench.pipelines.sensors.bev.grid import NO_LIDAR, NO_RADAR, BevPoints, rasterize
 from fbench.pipelines.sensors.camera.detector import CITY_WEIGHTS
+from fbench.pipelines.sensors.image.params import LidarImageParams
 from fbench.pipelines.sensors.lidar.clusters import LidarParams, Obstacles
 from fbench.pipelines.sensors.lidar.stage import LidarStage, detect_learned
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.radar.stage import Compensated
-from fbench.pipelines.variants.late import Late3D, Late3DParams
+from fbench.pipelines.variants.late import Late2D, Late2DParams, Late3D, Late3DParams
 from fbench.pipelines.variants.learned3d import Learned3D, Learned3DParams
+from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams, Lidar3D, Lidar3DParams
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import LogInfo
 
@@ -140,7 +144,7 @@ def test_boxes_in_which_only_echoes_lie_stay_and_say_so():
     road = np.column_stack([points[:, :2], points[:, 2]]).astype(np.float32)
     found, network = Obstacles(Plane(0, 0, 0.5), points, points[:, 2], points[:0], rows=road), Four()
     radar = echoes(np.array([[10.0, 0.2, 1.0], [31.0, -1.1, 1.5], [50.0, 0, 1.0]]), np.array([5.0, np.nan, -2.0]))
-    view = detect_learned(network, found, radar)
+    view = detect_learned(network, found, radar, 0.1)
     assert view.boxes.center_m[:, 0].tolist() == [10, 20, 30], "the fourth holds nothing"
     assert view.boxes.sources.tolist() == [6, 2, 4]
     assert view.cluster.tolist() == [-1, 0, 1, *[2] * 18]
@@ -149,7 +153,7 @@ def test_boxes_in_which_only_echoes_lie_stay_and_say_so():
     assert inner == [[-1.2, 0, 1.2], [-0.6, 0, 0.6], [-0.45, 0.45]], "whatever heights the echoes have"
     assert view.with_echoes
     assert network.points.radar == pytest.approx(np.array([[10, 0.2, 0.5, 5], [31, -1.1, 1.0, 0], [50, 0, 0.5, -2]]))
-    without = detect_learned(network, found, None)
+    without = detect_learned(network, found, None, 0.1)
     assert without.boxes.sources.tolist() == [2, 2]
     assert not len(network.points.radar)
     assert not without.with_echoes
@@ -158,17 +162,17 @@ def test_boxes_in_which_only_echoes_lie_stay_and_say_so():
 def test_points_in_a_box_of_echoes_turn_with_it():
     found = Obstacles(Plane(0, 0, 0), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
     network = Four(yaw_rad=np.pi / 2)
-    view = detect_learned(network, found, echoes(np.array([[10.0, 1.5, 0.5]]), np.array([1.0])))
+    view = detect_learned(network, found, echoes(np.array([[10.0, 1.5, 0.5]]), np.array([1.0])), 0.1)
     assert np.abs(view.xyz - [10.0, 0, 0]).max(axis=0) == pytest.approx([0.6, 1.2, 0.45])
 
 
 def test_echoes_where_the_network_sees_nothing_are_nothing():
     found = Obstacles(Plane(0, 0, 0), np.array([[9.0, 0, 1.0]]), np.ones(1), np.zeros((0, 3)))
-    view = detect_learned(Four(num=0), found, echoes(np.array([[10.0, 1.5, 0.5]]), np.array([1.0])))
+    view = detect_learned(Four(num=0), found, echoes(np.array([[10.0, 1.5, 0.5]]), np.array([1.0])), 0.1)
     assert not len(view.boxes)
     assert view.cluster.tolist() == [-1]
     assert view.with_echoes
-    blind = detect_learned(Four(), Obstacles(None, *[np.zeros((0, 3))] * 3), echoes(np.zeros((1, 3)), np.zeros(1)))
+    blind = detect_learned(Four(), Obstacles(None, *[np.zeros((0, 3))] * 3), echoes(np.zeros((1, 3)), np.zeros(1)), 0.1)
     assert not len(blind.boxes)
     assert not blind.with_echoes, "without the ground, it isn't asked"
 
@@ -187,7 +191,7 @@ SIMULATED = {"simulated": "3"}
     ],
 )
 def test_the_network_of_late3d_gets_echoes_of_radars_that_it_knows(monkeypatch, asked, metadata, takes):
-    params = BevParams(**asked)
+    params = LidarNetworkParams(**asked)
     network = Four(params.sensors or "both")
     monkeypatch.setattr("fbench.pipelines.sensors.lidar.stage.open_detector", lambda _: network)
     pipeline = Late3D(Late3DParams(lidar=LidarParams(detector="learned", network=params)))
@@ -201,7 +205,7 @@ def test_the_network_of_late3d_gets_echoes_of_radars_that_it_knows(monkeypatch, 
 
 @pytest.mark.parametrize("classes", [(), ("bus",)])
 def test_what_a_network_was_not_asked_for_may_be_in_echoes(classes):
-    params = LidarParams(detector="learned", network=BevParams(classes=classes, threads=1))
+    params = LidarParams(detector="learned", network=LidarNetworkParams(classes=classes, threads=1))
     stage = LidarStage(
         rig("lidar"), LogInfo("log", "id", SIMULATED), params, SensorSettings(Learned3DParams(), rig("lidar"))
     )
@@ -210,7 +214,7 @@ def test_what_a_network_was_not_asked_for_may_be_in_echoes(classes):
 
 
 def test_the_network_of_late3d_may_see_nothing_at_all():
-    network = BevParams(classes=("bus",), threads=1)
+    network = LidarNetworkParams(classes=("bus",), threads=1)
     pipeline = Late3D(Late3DParams(lidar=LidarParams(detector="learned", network=network)))
     pipeline.start(rig("lidar", "radar"), LogInfo("log", "id", SIMULATED))
     for messages in ((cloud(), scan()), (scan(),), (cloud(),), ()):
@@ -221,8 +225,8 @@ def test_the_network_of_late3d_may_see_nothing_at_all():
 
 def test_a_network_of_lidar_needs_points():
     with pytest.raises(ConfigError, match=r"lidar\.network\.sensors: must be both or lidar"):
-        LidarParams(detector="learned", network=BevParams(sensors="radar"))
-    LidarParams(network=BevParams(sensors="radar"))  # not used
+        LidarParams(detector="learned", network=LidarNetworkParams(sensors="radar"))
+    LidarParams(network=LidarNetworkParams(sensors="radar"))  # not used
 
 
 @pytest.mark.parametrize(("names", "given", "sources"), [("lidar", "lidar", 2), ("lidar radar", "lidar", 2),
@@ -242,12 +246,12 @@ def test_sources_are_the_sensors_that_delivered(names, given, sources):
 def test_the_built_in_network_says_that_it_knows_the_city_alone(tmp_path, metadata, own, codes):
     weights = tmp_path / "mine.onnx"
     weights.write_bytes(BUILTIN.read_bytes())
-    network = BevParams(weights=weights) if own else BevParams()
-    pipeline = Learned3D(Learned3DParams(network=network))
+    named = {"weights": weights} if own else {}
+    pipeline = Learned3D(Learned3DParams(network=BevParams(**named)))
     info = LogInfo("drive", "", metadata)
     pipeline.start(rig("lidar", "radar"), info)
     assert [fault.code for fault in pipeline.warnings()] == codes
-    lidar = LidarParams(detector="learned", network=network)
+    lidar = LidarParams(detector="learned", network=LidarNetworkParams(**named))
     stage = LidarStage(rig("lidar"), info, lidar, SensorSettings(Learned3DParams(), rig("lidar")))
     assert [fault.code for fault in stage.warnings()] == codes
 
@@ -262,6 +266,72 @@ def test_what_isnt_such_a_network_is_refused(tmp_path):
         open_detector(BevParams(weights=tmp_path / "text.onnx"))
     with pytest.raises(ConfigError, match=r"network\.classes: the network knows no 'cars'; did you mean 'car'"):
         open_detector(BevParams(classes=("cars",)))
+
+
+def test_a_network_is_tried_before_it_is_used(tmp_path):
+    data = encode_identity((1, grid.NUM_CHANNELS, grid.SIDE, grid.SIDE), "points")
+    (tmp_path / "same.onnx").write_bytes(data)
+    with pytest.raises(ModelError, match=r"same\.onnx: not the output of a bird's-eye network"):
+        open_detector(BevParams(weights=tmp_path / "same.onnx"))
+    (tmp_path / "name.onnx").write_bytes(data.replace(b"points", b"p\xffints"))
+    with pytest.raises(ModelError, match=r"name\.onnx: a name in the model isn't UTF-8"):
+        open_detector(BevParams(weights=tmp_path / "name.onnx"))
+
+
+@pytest.mark.parametrize("own", [{"detector": "learned"}, {"network": LidarNetworkParams(sensors="lidar")}])
+def test_learned3d_refuses_parameters_of_another_network(own):
+    with pytest.raises(ConfigError, match=r"learned3d has a network of its own, set network"):
+        Learned3DParams(lidar=LidarParams(**own))
+
+
+def test_messages_name_the_parameters_of_the_pipeline(tmp_path):
+    with pytest.raises(ConfigError, match=r"^lidar\.network\.min_score: expected between 0 and 1, got 2$"):
+        LidarNetworkParams(min_score=2)
+    with pytest.raises(ConfigError, match=r"^lidar\.network\.classes: the network knows no 'cars'"):
+        open_detector(LidarNetworkParams(classes=("cars",)))
+    stage = LidarStage(
+        rig("lidar"),
+        LogInfo("drive", "id"),
+        LidarParams(detector="learned"),
+        SensorSettings(Lidar3DParams(), rig("lidar")),
+    )
+    assert [fault.where.split(":")[0] for fault in stage.warnings()] == ["lidar.network"]
+
+
+@pytest.mark.parametrize(("least", "num"), [(None, 4), (0.75, 2), (0.95, 0)])
+def test_the_least_score_counts_beside_other_sensors_too(monkeypatch, least, num):
+    class Sure(Four):
+        def detect(self, points, plane, least):
+            found = super().detect(points, plane, least)
+            return found[found.score >= least]
+
+    monkeypatch.setattr("fbench.pipelines.sensors.lidar.stage.open_detector", lambda _: Sure())
+    params = LidarNetworkParams() if least is None else LidarNetworkParams(min_score=least)
+    stage = LidarStage(
+        rig("lidar"), LogInfo("drive", "id"), LidarParams(detector="learned", network=params),
+        SensorSettings(Lidar3DParams(), rig("lidar")),
+    )  # fmt: skip
+    points = np.array([[x, 0.0, 0.5] for x in (10.0, 20.0, 30.0, 40.0)])
+    found = Obstacles(Plane(0, 0, 0), points, points[:, 2], points[:0], rows=points.astype(np.float32))
+    assert len(stage.detect(found).boxes) == num
+
+
+@pytest.mark.parametrize("make", [
+    lambda lidar: Lidar3D(Lidar3DParams(lidar=lidar)), lambda lidar: Late3D(Late3DParams(lidar=lidar)),
+    lambda lidar: Lidar2D(Lidar2DParams(lidar=lidar, lidar_image=LidarImageParams(grouping="space"))),
+    lambda lidar: Late2D(Late2DParams(lidar=lidar, lidar_image=LidarImageParams(grouping="space"))),
+])  # fmt: skip
+def test_runs_say_which_network_was_built_in(tmp_path, make):
+    weights = tmp_path / "mine.onnx"
+    weights.write_bytes(BUILTIN.read_bytes())
+    builtin = {"lidar.network.weights": describe_file(BUILTIN)}
+    for lidar, expected in [
+        (LidarParams(detector="learned"), builtin), (LidarParams(), {}),
+        (LidarParams(detector="learned", network=LidarNetworkParams(weights=weights)), {}),
+    ]:  # fmt: skip
+        pipeline = make(lidar)
+        pipeline.start(rig("lidar", "radar", "cam"), LogInfo("drive", "id"))
+        assert dict(pipeline.identity()) == expected
 
 
 def test_the_network_is_small():

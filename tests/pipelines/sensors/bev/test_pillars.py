@@ -49,7 +49,7 @@ def save(path: Path, nodes, inputs, outputs, weights: dict[str, np.ndarray]) -> 
 
 
 def make_files(folder: Path, names: bool = True, num: int | str = "num", features: int = 9) -> dict[str, np.ndarray]:
-    """Write encoder, head, and their parameters; return the weights."""
+    """Write encoder, head, and their parameters; return the weights. More channels leave the first as they are."""
     draw = np.random.default_rng(5)
     weights = {"w": draw.normal(0, 0.3, (features, 32)).astype(np.float32)}
     nodes = [helper.make_node("MatMul", ["input_features", "w"], ["x"]), helper.make_node("Relu", ["x"], ["y"]),
@@ -57,8 +57,8 @@ def make_files(folder: Path, names: bool = True, num: int | str = "num", feature
     save(folder / "pts_voxel_encoder.onnx", nodes, [("input_features", (num, POINTS, features))],
          [("pillar_features", (num, 1, 32))], weights)  # fmt: skip
     heads = {
-        name: draw.normal(0, 0.01 if name == "heatmap" else 0.1, (size, 32, 3, 3)).astype(np.float32)
-        for name, size in OUTPUTS.items()
+        name: np.random.default_rng(i).normal(0, 0.01 if i == 0 else 0.1, (size, 32, 3, 3)).astype(np.float32)
+        for i, (name, size) in enumerate(OUTPUTS.items())
     }
     called = {name: name if names else f"out{i}" for i, name in enumerate(OUTPUTS)}
     nodes = [helper.make_node("Conv", ["spatial_features", f"w_{n}"], [called[n]], pads=[1] * 4) for n in OUTPUTS]
@@ -213,6 +213,58 @@ def test_what_doesnt_fit_is_one_line(tmp_path):
     ]:
         with pytest.raises(error, match=said):
             open_detector(params(tmp_path, **given))
+
+
+def test_outputs_that_the_layout_does_not_fit_are_refused_before_a_frame(tmp_path, monkeypatch):
+    layout = tmp_path / "centerpoint_ml_package.param.yaml"
+    for size in (10, 4):
+        monkeypatch.setitem(OUTPUTS, "heatmap", size)
+        make_files(tmp_path)
+        said = rf"'heatmap' has the shape \(1, {size}, 32, 32\) instead of \(1, 5, 32, 32\), .*from network\.layout"
+        with pytest.raises(ModelError, match=said):
+            open_detector(params(tmp_path))
+    monkeypatch.setitem(OUTPUTS, "heatmap", 5)
+    make_files(tmp_path)
+    layout.write_text(YAML.replace("downsample_factor: 1", "downsample_factor: 2"))
+    with pytest.raises(ModelError, match=r"'heatmap' has the shape \(1, 5, 32, 32\) instead of \(1, 5, 16, 16\)"):
+        open_detector(params(tmp_path))
+
+
+def test_variances_are_left_out(tmp_path, monkeypatch):
+    points = np.random.default_rng(8).uniform([-8, -8, -1], [8, 8, 3], (900, 3)).astype(np.float32)
+    found = []
+    for factor in (1, 2):
+        for name, size in {"reg": 2, "height": 1, "dim": 3, "rot": 2, "vel": 2}.items():
+            monkeypatch.setitem(OUTPUTS, name, factor * size)
+        make_files(tmp_path)
+        found.append(open_detector(params(tmp_path)).detect(BevPoints(points, NO_RADAR), FLAT, 0.55))
+    assert len(found[0]) > 10
+    assert found[0].label.tolist() == found[1].label.tolist()
+    for name in ("center_m", "size_lwh_m", "yaw_rad", "velocity_mps", "score"):
+        np.testing.assert_allclose(getattr(found[1], name), getattr(found[0], name), atol=1e-4)
+
+
+def test_outputs_that_are_no_arrays_are_refused(tmp_path):
+    make_files(tmp_path)
+    shape = (1, 32, SIDE, SIDE)
+    nodes = [helper.make_node("SequenceConstruct", ["spatial_features"], [name]) for name in OUTPUTS]
+    ports = [helper.make_tensor_sequence_value_info(name, TensorProto.FLOAT, shape) for name in OUTPUTS]
+    takes = [helper.make_tensor_value_info("spatial_features", TensorProto.FLOAT, shape)]
+    model = helper.make_model(helper.make_graph(nodes, "made", takes, ports),
+                              opset_imports=[helper.make_opsetid("", 17)], ir_version=8)  # fmt: skip
+    onnx.save(model, tmp_path / "pts_backbone_neck_head.onnx")
+    with pytest.raises(ModelError, match="'heatmap' has the shape none instead of"):
+        open_detector(params(tmp_path))
+
+
+@pytest.mark.parametrize("file", ["pts_backbone_neck_head.onnx", "pts_voxel_encoder.onnx"])
+def test_names_that_are_not_utf8_are_one_line(tmp_path, file):
+    make_files(tmp_path)
+    data = (tmp_path / file).read_bytes()
+    old, new = (b"spatial_", b"spat\xffal_") if "head" in file else (b"input_f", b"inp\xfft_f")
+    (tmp_path / file).write_bytes(data.replace(old, new))
+    with pytest.raises(ModelError, match=rf"{file}: a name in the model isn't UTF-8"):
+        open_detector(params(tmp_path))
 
 
 @pytest.mark.parametrize(
