@@ -158,7 +158,7 @@ def load_baseline(path: Path) -> Mapping[CellName, Entry]:
             name = CellName(**cell.name)  # type: ignore[arg-type]
             scores = [Score(**{("class_" if k == "class" else k): v for k, v in row.items()}) for row in cell.scores]
             counts = {entry.place: np.array(entry.counts, np.int64) for entry in cell.counts}
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise RunError(f"{path}: not a baseline ({error})") from error
         if name in found or any(rows.ndim != 2 or len(rows) != len(cell.digests) for rows in counts.values()):
             raise RunError(f"{path}: not a baseline ({name}: twice, or counts don't fit)")

@@ -331,7 +331,9 @@ class PlainSensors:
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take the sensors. Raises ConfigError where a setting is no camera's, LogError without a stereo pair."""
-        params, settings = self._params, SensorSettings(self._params, rig)
+        params = self._params
+        unused = [kind for kind in ("camera", *KINDS) if kind not in params.uses]
+        settings = SensorSettings(params, rig, unused)
         for kind in KINDS:  # whose points have common parameters
             settings.own(kind, getattr(params, kind), ())
         if self.with_camera:

@@ -32,7 +32,7 @@ class Plain3DParams(PlainParams):
     in the order LiDAR, radar, stereo.
     """
     cluster: plain.PlainClusterParams = field(default_factory=plain.PlainClusterParams)
-    """With `early`: how the points of all are grouped."""
+    """With `early`: how the points of all are grouped; those of single kinds mean nothing then."""
     size: plain.PlainSizeParams = plain.RADAR.size  # With `early`: which clusters are dropped.
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)  # The tracker.
 

@@ -34,7 +34,8 @@ class OneCloudParams(AllSensorsParams):
 
     lidar: LidarParams = field(default_factory=LidarParams)
     """How the ground is found, what partly seen cars are completed to, and how shapes are classified: in all logs by
-    the model where `judge` doesn't say otherwise. Points are grouped as `fusion.density` says, not `lidar.cluster`."""
+    the model where `judge` doesn't say otherwise; without a LiDAR by rules. Points are grouped as `fusion.density`
+    says, not `lidar.cluster`."""
     radar: RadarParams = field(default_factory=RadarParams)
     """How echoes are prepared and which of them move; they are grouped as `fusion.density` says."""
     detector: Literal["rgb", "rgbd"] = "rgb"

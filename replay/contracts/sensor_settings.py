@@ -25,12 +25,12 @@ class HasSensorSettings(Protocol):
 
 
 class SensorSettings:
-    """The settings by sensor of one pipeline on one rig. Raises ConfigError where a setting names no sensor (with the
-    nearest name), or one that the pipeline doesn't use.
+    """The settings by sensor of one pipeline on one rig, which doesn't use the kinds `unused` though it has parameters
+    for them. Raises ConfigError where a setting names no sensor (with the nearest name), or one that isn't used.
     """
 
-    def __init__(self, params: HasSensorSettings, rig: Rig) -> None:
-        self._params, self._rig = params, rig
+    def __init__(self, params: HasSensorSettings, rig: Rig, unused: Collection[Kind] = ()) -> None:
+        self._params, self._rig, self._unused = params, rig, unused
         self._settings = [(self._sensor(setting), setting) for setting in params.by_sensor]
 
     def own(self, kind: Kind, params: P, differing: Sequence[str] | None = None) -> dict[str, P]:
@@ -58,7 +58,9 @@ class SensorSettings:
     @property
     def _kinds(self) -> dict[Kind, Any]:
         named = [f.name for f in fields(self._params)]  # type: ignore[arg-type]
-        return {kind: getattr(self._params, kind) for kind in KINDS.values() if kind in named}
+        return {
+            kind: getattr(self._params, kind) for kind in KINDS.values() if kind in named and kind not in self._unused
+        }
 
     def _hint(self, path: str) -> str:
         sensors = self._rig.sensors(*self._kinds)

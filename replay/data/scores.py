@@ -171,7 +171,7 @@ def load_scores(path: Path) -> list[Score]:
         return [Score(**{("class_" if k == "class" else k): v for k, v in row.items()}) for row in rows]
     except FileNotFoundError:
         raise RunError(f"{path}: no scores, run `fbench score {path.parent}`") from None
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise RunError(f"{path}: not a list of scores ({error})") from error
 
 

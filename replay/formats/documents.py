@@ -131,11 +131,24 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         if line.count(".") > _MAX_DOTS and not line.lstrip().startswith("#"):
             raise TomlError(f"line {number} has over {_MAX_DOTS} dots; break it into several lines")
     try:
-        return tomllib.loads(text)
+        return _require_int64(tomllib.loads(text))
     except RecursionError:
         raise TomlError("nested too deeply") from None
     except ValueError as error:  # also whole numbers of thousands of digits
         raise TomlError(str(error).splitlines()[0]) from error
+
+
+def _require_int64(tables: dict[str, Any]) -> dict[str, Any]:
+    """Refuse whole numbers beyond 64 bits, as TOML does; Python reads them, and can't write them in decimals."""
+    waiting: list[tuple[str, Any]] = [("", tables)]
+    while waiting:
+        place, value = waiting.pop()
+        if isinstance(value, dict | list):
+            items_ = value.items() if isinstance(value, dict) else enumerate(value)
+            waiting += [(f"{place}{key}.", item) for key, item in items_]
+        elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+            raise ValueError(f"{place[:200].removesuffix('.')}: a whole number beyond 64 bits")
+    return tables
 
 
 _TABLE = re.compile(r"\s*(\[\[?)\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")

@@ -156,7 +156,7 @@ def to_box_columns(boxes: Sequence[tuple[str, Mapping[str, Any]]], steps: Sequen
     """
     try:
         return _columns_at_once([box for _, box in boxes], steps) if boxes else to_columns([], [])
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError):
         return to_columns(steps, [parse_box(box, where) for where, box in boxes])
 
 

@@ -61,7 +61,9 @@ def _move_to_body(boxes: Boxes3D, name: str, coordinates: CoordinateFrames, wher
 
 
 def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
-    """Return the matrix (4, 4) from a coordinate frame to the body. Raises ConfigError where it isn't known."""
+    """Return the matrix (4, 4) from a coordinate frame to the body. Raises ConfigError where it isn't known, LogError
+    where it lies elsewhere on the body later in the log: stamps and frames of files don't say from which on.
+    """
     try:
         matrix = coordinates.body_T(name)
     except DecodeError as error:
@@ -73,6 +75,9 @@ def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
         known = {"body", "world", coordinates.world, coordinates.body, *coordinates.rig.mounts, *coordinates.tree.edges}
         hint = did_you_mean(name, sorted(known - {""}))
         raise ConfigError(f"{where}: coordinate frame '{name}' isn't in the log{hint}")
+    if name in coordinates.moved():
+        advice = "give the boxes in 'body', or cut the log there"
+        raise LogError(f"{where}: boxes in '{name}', which moves on the body within the log; {advice}", "CAL002")
     return matrix
 
 

@@ -12,14 +12,15 @@ from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.kitti import open_ab3dmot, open_kitti, open_kitti_tracking
 from fbench.replay.formats.mot import open_mot
-from fbench.replay.formats.nuscenes import open_nuscenes
+from fbench.replay.formats.nuscenes import find_companion, open_nuscenes
 from fbench.replay.formats.openlabel import open_openlabel
 from fbench.replay.formats.recognition import recognize
 from fbench.replay.formats.table import open_table
 from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.runs.manifest import TruthEntry
+from fbench.replay.runs.digest import digest
+from fbench.replay.runs.manifest import InputEntry, TruthEntry
 
 FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator[Truth]]] = {
     "table": open_table,
@@ -99,6 +100,25 @@ def _find_repeated_id(boxes: Boxes2D | Boxes3D) -> int | None:
     return None
 
 
-def truth_entry(source: BoxSource) -> TruthEntry:
-    """Say where truth comes from, for the manifest. Raises as `form_of`; LogError also where it can't be read."""
-    return TruthEntry(name=source.path.name, format=form_of(source), digest=digest_of(source.path))
+def truth_entry(source: BoxSource, classes: Mapping[str, str] | None = None) -> TruthEntry:
+    """Say where truth comes from, for the manifest, and which labels names of classes got apart from the replay. Raises
+    as `form_of`; LogError also where it can't be read.
+    """
+    form, digest_ = digest_boxes(source)
+    named = digest(dict(sorted(classes.items()))) if classes else ""
+    return TruthEntry(
+        name=source.path.name, format=form, digest=digest_, frame=source.frame, camera=source.camera, classes=named
+    )
+
+
+def results_entry(source: BoxSource) -> InputEntry:
+    """Say where results of another system come from, for the manifest. Raises as `truth_entry`."""
+    _, digest_ = digest_boxes(source)
+    return InputEntry(role="results", name=source.path.name, digest=digest_, frame=source.frame, camera=source.camera)
+
+
+def digest_boxes(source: BoxSource) -> tuple[str, str]:
+    """Return the form of a file or folder, and its digest, with that of the table of samples beside a submission."""
+    form, own = form_of(source), digest_of(source.path)
+    companion = find_companion(source.path) if form == "nuscenes" else None
+    return form, own if companion is None else digest((own, digest_of(companion)))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
@@ -20,6 +21,7 @@ from fbench.replay.formats.table_files import TableFile, Values, instants, open_
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.columns import column_array
+from fbench.replay.runs.tables import box_schema
 from fbench.replay.truth.labelling import join_truths
 
 SOLID = ("x", "y", "z", "length", "width", "height")
@@ -170,6 +172,9 @@ def is_run_table(file: TableFile) -> bool:
 def read_run_table(file: TableFile) -> Iterator[Truth]:
     """Read boxes by the index of their frame; frames without any aren't in the table. Raises LogError if damaged."""
     kind = _KINDS[file.metadata[b"boxes"]]
+    for column in box_schema(kind):
+        if not _can_hold(given := file.types[column.name.lower()], column.type):
+            raise LogError(f"{file.path}: column '{column.name}' is {given}, expected {column.type}")
     for keys, values in instants(file):
         columns = {f.name: values.table.column(f.name.lower()) for f in fields(kind)}
         arrays: dict[str, Any] = {n: column_array(c) for n, c in columns.items() if c.null_count < len(values)}
@@ -178,6 +183,13 @@ def read_run_table(file: TableFile) -> Iterator[Truth]:
             part = boxes[start:stop]
             solid, flat = (part, None) if isinstance(part, Boxes3D) else (None, part)
             yield Truth(0, 0, solid, flat, frame_index=int(keys[start]))
+
+
+def _can_hold(given: pa.DataType, wanted: pa.DataType) -> bool:
+    """Tell whether a column of another program's table can be read as one that fbench wrote."""
+    plain = given.value_type if pa.types.is_dictionary(given) else given
+    are_alike = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean)
+    return plain == wanted or any(is_so(plain) and is_so(wanted) for is_so in are_alike)
 
 
 def _runs(keys: Int64) -> Iterator[tuple[int, int]]:

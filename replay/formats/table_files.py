@@ -271,7 +271,11 @@ class Values:
         return [known[text] for text in texts]
 
     def _texts(self, name: str) -> Iterable[str]:
-        values = self._column(name).to_pylist()
+        column = self._column(name)
+        try:
+            values = column.to_pylist()
+        except (pa.ArrowException, ValueError, OverflowError) as error:
+            raise LogError(f"{self.path}: column '{name}' is {column.type}, and can't be read ({error})") from error
         return ("" if value is None else value if isinstance(value, str) else repr(value) if isinstance(value, float)
                 else str(value) for value in values)  # fmt: skip
 

@@ -1,15 +1,16 @@
 """The calibration of one log: its rig as the log begins, changes of it, coordinate frames, and poses by transforms."""
 
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.errors import DecodeError, LogError
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import KINDS, Rig
 from fbench.replay.logs.container import Container
-from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, TransformTree, tree_of
+from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, TransformTree, is_elsewhere, tree_of
 from fbench.replay.logs.poses import TfSource
 from fbench.replay.logs.rig import RigChanges, RigState, first_state
 from fbench.replay.logs.rig_patch import find_sensors, rename_sensors, require_use
@@ -39,13 +40,35 @@ class LogCalibration:
         heard = sensor_roles(self.roles)
         names = {role.frame_id: role.sensor for role in heard} | {role.topic: role.sensor for role in heard}
         world, is_camera0 = self.poses_in.world, self.metadata.get(CAMERA0) == BODY
-        return CoordinateFrames(self.rig, *self.tree(), names, world, is_camera0)
+        return CoordinateFrames(self.rig, *self.tree(), names, world, is_camera0, lambda: self._moved)
 
-    def tree(self) -> tuple[TransformTree, str]:
-        """Return the transforms that hold as the log begins, and the name of the body in them."""
+    def tree(self, log_ns: int | None = None) -> tuple[TransformTree, str]:
+        """Return the transforms that hold at a log time, or as the log begins, and the name of the body in them."""
+        if log_ns is not None and (num := bisect_right(self._later, log_ns, key=lambda later: later[0])):
+            return self._later[num - 1][1:]
         if self.container.rigs:
             return tree_of(self.rig), BODY
         return self._state.tree, self._state.body()
+
+    @cached_property
+    def _later(self) -> Sequence[tuple[int, TransformTree, str]]:
+        """Transforms that hold from a log time on, in that order; transforms and calibrations alone are read for it."""
+        changes = self.changes()
+        return [(change.log_ns, *changes.tree(change.rig)) for change in changes.all(self.container)]
+
+    @cached_property
+    def _moved(self) -> frozenset[str]:
+        """Coordinate frames that don't lie on the body as they did when the log began, and sensors that have one."""
+        first, body = self.tree()
+        heard = {role.frame_id: role.sensor for role in sensor_roles(self.roles)}
+        found = set[str]()
+        for _, tree, own in self._later:
+            for name in first.edges:
+                with suppress(DecodeError):
+                    before, after = first.pose(name, body), tree.pose(name, own)
+                    if before is not None and is_elsewhere(before, after):
+                        found |= {name, heard.get(name, name)}
+        return frozenset(found)
 
     @cached_property
     def tf(self) -> TfSource:

@@ -1,6 +1,6 @@
 """Coordinate frames of a log: their names and the tree of transforms between them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -136,6 +136,11 @@ def invalid(translation_m: Float64, rotation_xyzw: Float64) -> str | None:
     return None if _MIN_QUATERNION < largest < _MAX else "has no valid rotation"
 
 
+def is_elsewhere(before: tuple[Float64, Float64], after: tuple[Float64, Float64] | None) -> bool:
+    """Tell whether a pose isn't the same any more, but for 0.1 mm and 0.006 degrees."""
+    return after is None or not np.allclose(pose_matrix(*before), pose_matrix(*after), rtol=0, atol=1e-4)
+
+
 WORLDS = ("world", "map", "odom", "global", "earth")
 """What coordinate frames are called that stand still while the body moves."""
 
@@ -152,6 +157,8 @@ class CoordinateFrames:
     world: str = ""  # Coordinate frame in which the log's poses are; empty: it isn't told
     camera0_is_body: bool = False
     """Whether the body's coordinates are those of KITTI's camera 0 with axes turned, as importers of KITTI have it."""
+    moved: Callable[[], Collection[str]] = frozenset
+    """Which of them lie elsewhere on the body later, by names of sensors, too; found when it is first asked for."""
 
     def body_T(self, name: str) -> Float64 | None:
         """Matrix (4, 4) that moves points from a coordinate frame, given by its name or that of a sensor, to the body;

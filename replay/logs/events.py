@@ -15,7 +15,7 @@ from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import Codec, NothingError, Origin, TruthPart
 from fbench.replay.logs.codecs.video.stream import VideoStreams
 from fbench.replay.logs.container import Entry
-from fbench.replay.logs.coordinate_frames import BODIES, invalid
+from fbench.replay.logs.coordinate_frames import BODIES, WORLDS, invalid
 from fbench.replay.logs.poses import TfPoses, of_body
 from fbench.replay.logs.roles import Role
 from fbench.replay.logs.truth import in_body
@@ -90,7 +90,10 @@ class EventDecoder:
                 raise DecodeError("a measurement in the place of truth")
             if part.frame_id:
                 cameras = {r.frame_id: r.sensor for _, r in sorted(self._roles.items()) if r.kind == "camera"}
-                part = in_body(part, *self._calibration.tree(), cameras, self._calibration.poses_in)
+                tree, body = self._calibration.tree()
+                if {part.frame_id, *part.frame_ids} - {"", body, *WORLDS}:  # which may have moved on the body since
+                    tree, body = self._calibration.tree(entry.log_ns)
+                part = in_body(part, tree, body, cameras, self._calibration.poses_in)
             return replace(part, truth=self.classify(part.truth, "" if role.is_own else entry.topic))
         except NothingError:
             return None

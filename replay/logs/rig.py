@@ -12,7 +12,7 @@ import numpy as np
 from fbench.replay.contracts.errors import DecodeError, LogError
 from fbench.replay.data.rig import KINDS, CameraModel, Kind, Mount, Rig, RigChange
 from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.coordinate_frames import BODIES, BODY, TransformTree
+from fbench.replay.logs.coordinate_frames import BODIES, BODY, TransformTree, tree_of
 from fbench.replay.logs.rig_patch import FittedPatch, find_sensors, require_use
 from fbench.replay.logs.roles import Role, sensor_roles
 from fbench.replay.logs.setup import Setup
@@ -240,6 +240,13 @@ class RigChanges:
             yield from self.until(log_ns)
         for entry in self.follow(container.entries(self.channels) if self.channels else ()):
             yield from self.until(entry.log_ns)
+
+    def tree(self, rig: Rig) -> tuple[TransformTree, str]:
+        """Return the transforms that hold now, and the name of the body in them, where the rig is the latest one."""
+        if self._state is None:
+            return tree_of(rig), BODY
+        tree = self._state.tree
+        return TransformTree(dict(tree.edges)), self._state.body()
 
     def until(self, log_ns: int) -> Iterator[RigChange]:
         """Yield the change of the rig before a message of log time `log_ns`, where there is one."""

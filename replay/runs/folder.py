@@ -325,5 +325,5 @@ class Run:
         path = self.folder / name
         try:
             return json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise RunError(f"{path}: can't be read ({error})") from error

@@ -114,6 +114,8 @@ class InputEntry(_Strict):
     role: str  # `config`, `rig` or `results`
     name: str  # Without the folder
     digest: str  # blake2b over the file, or over names and content of the folder's files
+    frame: str = ""  # Coordinate frame of 3D boxes where the user named it
+    camera: str = ""  # Camera of 2D boxes where the user named it
 
 
 class TruthEntry(_Strict):
@@ -121,7 +123,14 @@ class TruthEntry(_Strict):
 
     name: str  # Without the folder
     format: str  # One of `formats.open.FORMATS`
-    digest: str  # blake2b over the file, or over names and content of the folder's files
+    digest: str
+    """blake2b over the file, with that of the table of samples beside it, or over names and content of the folder's
+    files"""
+    frame: str = ""  # Coordinate frame of 3D boxes where the user named it
+    camera: str = ""  # Camera of 2D boxes where the user named it
+    classes: str = ""
+    """Digest of the labels that a configuration gave to names of classes when a finished run got this truth; that of a
+    replay is among the inputs"""
 
 
 class InterpolationEntry(_Strict):
@@ -300,6 +309,8 @@ _PACKAGES = (
     "pyarrow", "mcap", "protobuf", "rosbags",
 )  # fmt: skip
 """Those that compute, compile what computes, cast the rays of simulated logs, or read values out of logs."""
+_EXTRAS = ("av",)
+"""Listed where they are installed: it decodes video."""
 
 
 def package_versions() -> dict[str, str]:
@@ -315,6 +326,9 @@ def _versions() -> Mapping[str, str]:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = "absent"
+    for name in _EXTRAS:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
     if versions["onnxruntime"] == "absent":
         with suppress(PackageNotFoundError):
             versions["onnxruntime"] = version("onnxruntime-gpu")  # the same module, and the same on the CPU

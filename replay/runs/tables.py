@@ -44,7 +44,7 @@ class BoxWriter:
     """Writes boxes of one type frame by frame, with bounded memory."""
 
     def __init__(self, path: Path, kind: type[Boxes2D] | type[Boxes3D]) -> None:
-        self._schema = _schema(kind)
+        self._schema = box_schema(kind)
         self._file = pa.OSFile(os.fsencode(path), "wb")
         self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd", write_page_checksum=True)
         self._joined: list[pa.RecordBatch] = []
@@ -87,7 +87,8 @@ class BoxWriter:
         self._joined, self._num_rows = [], 0
 
 
-def _schema(kind: type[Boxes2D] | type[Boxes3D]) -> pa.Schema:
+def box_schema(kind: type[Boxes2D] | type[Boxes3D]) -> pa.Schema:
+    """Names and types of the columns of a table of boxes."""
     names = [f.name for f in fields(kind)]
     return pa.schema([("frame", pa.int64()), *((n, _TYPES[n]) for n in names)], {"boxes": kind.__name__})
 
@@ -106,7 +107,7 @@ def read_boxes(path: Path) -> BoxTable:
     """
     table = read_table(path)
     kind = {b"Boxes2D": Boxes2D, b"Boxes3D": Boxes3D}.get((table.schema.metadata or {}).get(b"boxes", b""))
-    if kind is None or not table.schema.equals(_schema(kind)):
+    if kind is None or not table.schema.equals(box_schema(kind)):
         raise RunError(f"{path}: can't be read (not a table of boxes)")
     # The names are kept apart, since a table without rows can't show which fields its boxes had.
     present = (pq.read_metadata(pa.OSFile(os.fsencode(path))).metadata or {}).get(b"present", b"").decode().split(",")

@@ -80,13 +80,15 @@ class LogSource:
         return LogSpan(*found, {name: int(np.median(gap)) for name, gap in gaps.items()})
 
     def input_entries(self) -> list[InputEntry]:
-        """Files that decide what a run holds, but truth, for its manifest. Raises ConfigError without the results."""
+        """Files that decide what a run holds, but truth, for its manifest. Raises ConfigError for no such file of
+        results, LogError for an unknown form.
+        """
         results = self.setup.results
         if results is None:
             return list(self.inputs)
-        if not results.path.exists():
-            raise ConfigError(f"{results.path}: no such file or folder")
-        return [*self.inputs, _input_entry("results", results.path)]
+        from fbench.replay.formats.open import results_entry  # tables need pyarrow, most logs no table
+
+        return [*self.inputs, results_entry(results)]
 
     def truth_entry(self) -> TruthEntry | None:
         """Where truth comes from, if not the log. Raises ConfigError for no such file, LogError for an unknown form."""

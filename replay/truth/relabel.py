@@ -16,11 +16,11 @@ from fbench.replay.data.files import replace_text
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.engine.poses import pose_of
-from fbench.replay.formats.open import BoxFile, open_boxes, truth_entry
-from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, tree_of
+from fbench.replay.formats.open import open_boxes, truth_entry
+from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, is_elsewhere, tree_of
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.folder import FRAMES, Run, with_truth, write_frames
-from fbench.replay.runs.manifest import InterpolationEntry, save_manifest
+from fbench.replay.runs.manifest import InterpolationEntry, TruthEntry, save_manifest
 from fbench.replay.runs.redaction import redact_rows
 from fbench.replay.runs.tables import BoxWriter
 from fbench.replay.truth.labelling import Instant, drop_invalid, stray
@@ -52,7 +52,12 @@ def relabel(
     """
     rig, faults = run.manifest.rig, FaultLog()
     is_camera0 = run.manifest.log.metadata.get(CAMERA0) == BODY
-    coordinates = CoordinateFrames(rig, tree_of(rig), BODY, camera0_is_body=is_camera0)
+    first, later = tree_of(rig), [tree_of(entry.rig) for entry in run.manifest.rig_changes]
+    moved = {
+        name for tree in later for name in rig.mounts
+        if (before := first.pose(name, BODY)) and is_elsewhere(before, tree.pose(name, BODY))
+    }  # fmt: skip
+    coordinates = CoordinateFrames(rig, first, BODY, camera0_is_body=is_camera0, moved=lambda: moved)
     file = open_boxes(source, coordinates, faults)
     map_, where = ClassMap(classes or {}), source.path.name
     places, counts_frames = array("q"), False  # Of the truths in the file: stamps, or indices
@@ -80,7 +85,7 @@ def relabel(
         if not tables.labeled:
             raise MetricError(_explain_unmatched(run, source.path, places, counts_frames))
         between = InterpolationEntry(max_gap_ns=max_between_ns, num_frames=sum(map(times.is_between, tables.labeled)))
-        tables.finish(faults, file, between)
+        tables.finish(faults, truth_entry(file.source, classes), between)
     return Relabelled(len(places), len(tables.labeled), between.num_frames)
 
 
@@ -109,7 +114,7 @@ class _Tables:
         self._records[index] = with_truth(self._records[index], truth)
         self.labeled.add(index)
 
-    def finish(self, faults: FaultLog, file: BoxFile, between: InterpolationEntry) -> None:
+    def finish(self, faults: FaultLog, entry: TruthEntry, between: InterpolationEntry) -> None:
         """Put the tables in place; the manifest comes last."""
         write_frames(self._partial(FRAMES), list(self._records.values()), self._run.poses)
         content, manifest = _with_faults(self._run, faults), self._run.manifest
@@ -127,7 +132,7 @@ class _Tables:
         counts.counts.update({row["code"]: row["count"] for row in content["rows"]})
         # A run that was complete lacks something if boxes of truth were lost.
         is_complete = not counts.counts["GT004"] and (manifest.complete or not FaultBudget().find_exceeded(counts))
-        changes = {"truth": truth_entry(file.source), "interpolation": between, "complete": is_complete}
+        changes = {"truth": entry, "interpolation": between, "complete": is_complete}
         partial = self._partial("manifest.json")
         save_manifest(partial, manifest.model_copy(update=changes))
         partial.replace(self._run.folder / "manifest.json")

@@ -249,6 +249,15 @@ def test_what_is_no_baseline_is_refused(tmp_path: Path, text: str) -> None:
         load_baseline(tmp_path / "b.json")
 
 
+def test_a_baseline_with_counts_beyond_all_bounds_is_refused(runs: Path, tmp_path: Path) -> None:
+    accept(runs / "base", "first", tmp_path / "b.json", by="Ada", at="2026-01-02")
+    content = json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))
+    content["cells"][0]["counts"][0]["counts"][0][0] = 10**30
+    (tmp_path / "b.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(RunError, match="not a baseline"):
+        load_baseline(tmp_path / "b.json")
+
+
 def test_a_baseline_needs_a_reason(runs: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="say why"):
         accept(runs / "base", "  ", tmp_path / "b.json", "Ada", "2026")

@@ -117,7 +117,7 @@ def parse_names(text: str) -> dict[int, str]:
     """Read Ultralytics' entry `names`, a Python dict or list as text. Raises ModelError where it is anything else."""
     try:
         value = ast.literal_eval(text)
-    except (ValueError, SyntaxError, MemoryError, RecursionError) as error:
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
         raise ModelError("metadata entry 'names' isn't a dict or list of class names") from error
     items = dict(enumerate(value)) if isinstance(value, list | tuple) else value
     if not isinstance(items, dict) or not items:

@@ -87,7 +87,9 @@ class LidarImageParams(CheckedParams, prefix="lidar_image"):
 
     grouping: Literal["image", "space"] | None = None
     """Where points are grouped: `image`, over u, v and depth, or `space`, as `lidar3d` does, whose vehicles are then
-    projected; none: in the image in simulated logs, else in space. A few beams outline less than a vehicle.
+    projected; none: in the image in simulated logs, else in space. A few beams outline less than a vehicle. In the
+    image, `lidar.cluster`, `judge`, `size`, `sizes`, and `shape` mean nothing; in space, the other parameters
+    here do.
     """
     max_height_m: float = in_range(4.5, 0.1, 100)
     """Points higher above the ground [m] are left out where they are grouped in the image."""

@@ -19,7 +19,6 @@ from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.odds import log_odds
 from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.points.merged import viewpoint
-from fbench.pipelines.sensors.radar import stage as radar
 from fbench.pipelines.sensors.radar.stage import Compensated, RadarParams, RadarStage, RadarView
 from fbench.pipelines.sensors.rows import Rows
 from fbench.replay.contracts.errors import LogError
@@ -319,10 +318,11 @@ class RadarInImages:
         with clock.stage("preprocess"):
             enough = echoes if len(echoes.xyz) >= self._min_echoes else None
             cloud = of_radar(enough, self._viewpoint, self._radar.min_speed_mps, self._image)
-        with clock.stage("detect.radar"):
-            if cloud.plane is not None:
+        if cloud.plane is not None:
+            with clock.stage("detect.radar"):
                 return replace(_find_spots(self._rig, self._cameras, cloud, Source.R, self._image), is_sparse=False)
-            view = radar.detect(echoes, self._radar)
+        view = self._stage.detect(echoes, clock)
+        with clock.stage("detect.radar"):
             rate = relative_rates(view, echoes)
             seen = {name: by_boxes(self._rig, name, view.boxes, rate, Source.R) for name in self._cameras}
             return InImages(seen, is_sparse=True)

@@ -1,5 +1,7 @@
 """plain3d: what comes of its strategies and sensors, frame by frame. The body's origin of `frames` is 1.6 m up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.pipelines.frames import MOUNTS, assert_equal, cloud, fields, frame, image, rig, scan
@@ -43,6 +45,14 @@ def test_a_box_of_lidar_is_the_extent_of_what_it_sees():
     assert turned.yaw_rad.tolist() == [pytest.approx(np.pi / 2)]
     assert output.detections.sources.tolist() == [Source.L]
     assert output.detections.label is None
+
+
+@pytest.mark.parametrize("setting", ["cam.nonsense=1", "cam.min_score=0.3", "radar.crop.low_m=x"])
+def test_settings_of_sensors_that_are_not_used_are_refused(setting):
+    name = setting.split(".")[0]
+    made = Plain3D(replace(apply_settings(Plain3DParams(), ["uses=lidar"]), by_sensor=(setting,)))
+    with pytest.raises(ConfigError, match=rf"--set {setting}: '{name}' is a \w+, and the pipeline has no use for it"):
+        made.start(rig("lidar", "cam", "radar"), INFO)
 
 
 def test_late_merges_what_overlaps_and_keeps_the_rest():

@@ -11,7 +11,7 @@ import pytest
 from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
-from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
+from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar
 from fbench.pipelines.sensors.lidar.clusters import LidarParams
 from fbench.pipelines.variants.early import Early2D, Early2DParams
 from fbench.pipelines.variants.late import Late2D, Late2DParams
@@ -90,6 +90,17 @@ def test_from_how_many_echoes_on_radars_outline_is_known_of_simulated_ones():
     asked.start(rig("cam", "radar"), LOG)
     asked.step(frame(0, scan()))
     assert asked.warnings() == ()
+
+
+def test_echoes_of_simulated_radars_count_more_the_farther_away():
+    """As they do in space, see `radar.full_score_within_m`: 20 m unless another distance is named."""
+    far = replace(scan(), xyz=scan().xyz + np.array([40, 0, 0], np.float32))
+    scores = []
+    for within_m in (None, 20.0, 10_000.0):
+        pipeline = Radar2D(Radar2DParams(min_score=0.0, radar=replace(far_radar(), full_score_within_m=within_m)))
+        pipeline.start(rig("cam", "radar"), LogInfo("city", "id", {SIMULATED: "1"}))
+        scores.append(float(pipeline.step(frame(0, far)).detections.score[0]))
+    assert scores[0] == scores[1] > scores[2] + 0.1
 
 
 def test_three_sensors_see_one_car(fusion: Early2D | Late2D):

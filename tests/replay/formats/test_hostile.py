@@ -122,6 +122,17 @@ def test_stamps_beyond_nanoseconds_are_named(tmp_path):
         read(tmp_path / "a.parquet")
 
 
+@pytest.mark.parametrize(
+    ("column", "kind"),
+    [("label", pa.timestamp("s")), ("track_id", pa.timestamp("s")), ("label", pa.timestamp("s", "no/zone"))],
+)
+def test_times_that_python_cannot_hold_are_one_line(tmp_path, column, kind):
+    (tmp_path / "a.parquet").write_bytes(parquet(table(1, **{column: pa.array([10**15], kind)})))
+    with pytest.raises(LogError, match=f"column '{column}' is timestamp.*can't be read") as error:
+        read(tmp_path / "a.parquet")
+    assert "\n" not in str(error.value)
+
+
 def test_half_a_surrogate_pair_becomes_a_question_mark(tmp_path):
     (tmp_path / "a.json").write_text(openlabel({**CAR, "type": "c\ud800r"}))
     assert read(tmp_path / "a.json")[0].boxes3d.source_label.tolist() == ["c?r"]

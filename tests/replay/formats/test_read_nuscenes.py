@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from tests.replay.formats.box_files import form, read
 
-from fbench.replay.contracts.errors import FbenchError, LimitError
+from fbench.replay.contracts.errors import FbenchError, LimitError, LogError
 from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.formats.nuscenes import parse_box, to_box_columns
+from fbench.replay.formats.open import results_entry, truth_entry
+from fbench.replay.formats.text import digest_of
 from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse, quaternion
+from fbench.replay.logs.setup import BoxSource
 
 BOX = {
     "sample_token": "abc", "translation": [10, 20, 1], "size": [2, 4, 1.5],
@@ -49,6 +53,26 @@ def test_tracks_and_tokens_that_are_frames_or_stamps(tmp_path):
     assert (truth.frame_index, truth.stamp_ns) == (None, 1532402927647951000)
     [truth] = read(submission(tmp_path, {"abc": [BOX]}, samples_csv="token,stamp_ns\nabc,77\n"))
     assert truth.stamp_ns == 77
+
+
+def test_what_a_submission_is_read_with_is_part_of_its_digest(tmp_path):
+    path = submission(tmp_path, {"abc": [BOX]}, samples_csv="token,stamp_ns\nabc,77\n")
+    source = BoxSource(path)
+    before = truth_entry(source)
+    (tmp_path / "samples.csv").write_text("token,stamp_ns\nabc,78\n")
+    after = truth_entry(source)
+    assert (before.name, before.format) == (after.name, after.format) == ("results.json", "nuscenes")
+    assert len({before.digest, after.digest, results_entry(source).digest}) == 2
+    (tmp_path / "samples.csv").unlink()
+    assert truth_entry(source).digest == digest_of(path)
+
+
+def test_scores_that_no_float_holds_are_what_a_single_box_has():
+    box, where = {**BOX, "detection_score": 10**400}, "results.json: sample 'abc' box 0"
+    columns = to_box_columns([(where, box)], [0])
+    assert columns["score"].tolist() == [parse_box(box, where).score]
+    with pytest.raises(LogError, match="score: expected a number"):
+        to_box_columns([(where, {**BOX, "detection_score": "high"})], [0])
 
 
 @pytest.mark.parametrize(

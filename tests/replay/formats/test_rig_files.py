@@ -100,6 +100,7 @@ BAD = {
     "wrong length": ("[sensors.a]\ntranslation_m = [0,0]\nrotation_xyzw = [0,0,0,1]", r"sensors.a.translation_m: List"),
     "NaN": ("[sensors.a]\ntranslation_m = [0,0,nan]\nrotation_xyzw = [0,0,0,1]", r"translation_m.2: .*finite"),
     "too large": (f"[sensors.a]\ntranslation_m = [0,0,1{'0' * 400}]\nrotation_xyzw = [0,0,0,1]", "translation_m.2"),
+    "hexadecimal": (f"[cameras.a]\nwidth = 0x{'f' * 4000}", "cameras.a.width: a whole number beyond 64 bits"),
     "text": ('[sensors.a]\ntranslation_m = [0,0,"1"]\nrotation_xyzw = [0,0,0,1]', r"translation_m.2: .*number"),
     "true": ("[sensors.a]\ntranslation_m = [0,0,true]\nrotation_xyzw = [0,0,0,1]", r"translation_m.2: .*number"),
     "zero quaternion": ("[sensors.a]\ntranslation_m = [0,0,0]\nrotation_xyzw = [0,0,0,0]", "rotation_xyzw: is zero"),

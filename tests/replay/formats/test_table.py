@@ -16,7 +16,7 @@ from tests.replay.formats.box_files import S, coordinates, read
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.formats.open import open_boxes
+from fbench.replay.formats.open import open_boxes, results_entry, truth_entry
 from fbench.replay.formats.table_files import _MAX_AT_ONCE
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.tables import BoxWriter
@@ -218,6 +218,13 @@ def test_feather_of_fbenchs_columns_and_damaged(tmp_path):
         read(path)
 
 
+def test_the_coordinate_frame_that_a_user_names_is_kept(tmp_path):
+    (tmp_path / "a.csv").write_text(f"frame,{SOLID}\n0,{BOX}\n")
+    entries = [make(BoxSource(tmp_path / "a.csv", None, "lidar", "front")) for make in (truth_entry, results_entry)]
+    assert [(entry.frame, entry.camera) for entry in entries] == [("lidar", "front")] * 2
+    assert truth_entry(BoxSource(tmp_path / "a.csv")).frame == ""
+
+
 def test_tables_of_runs_are_accepted(tmp_path):
     writer = BoxWriter(tmp_path / "detections.parquet", Boxes3D)
     boxes = Boxes3D(np.arange(6.0).reshape(2, 3), np.ones((2, 3)), np.zeros(2), score=np.array([0.5, 0.7]))
@@ -229,6 +236,27 @@ def test_tables_of_runs_are_accepted(tmp_path):
     assert first.boxes3d.center_m.tolist() == boxes.center_m.tolist()
     assert second.boxes3d.score.tolist() == [0.5]
     assert first.boxes3d.label is None
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("center_m", pa.array([[1.0, 2.0, 3.0]]), "'center_m' is list<element: double>, expected fixed_size_list"),
+        ("center_m", pa.array([{"x": 1.0}]), "'center_m' is struct<x: double>, expected fixed_size_list"),
+        ("score", pa.array([[0.5]]), "'score' is list<element: double>, expected double"),
+        ("label", pa.array([1]), "'label' is int64, expected string"),
+        ("yaw_rad", pa.array(["east"]), "'yaw_rad' is string, expected double"),
+    ],
+)
+def test_tables_of_runs_that_others_wrote_anew_are_refused_by_name(tmp_path, name, values, said):
+    writer = BoxWriter(tmp_path / "tracks.parquet", Boxes3D)
+    writer.add(0, Boxes3D(np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1), score=np.ones(1)))
+    writer.close()
+    table = pq.read_table(tmp_path / "tracks.parquet")
+    table = table.set_column(table.column_names.index(name), name, values)
+    pq.write_table(table.replace_schema_metadata({"boxes": "Boxes3D"}), tmp_path / "tracks.parquet")
+    with pytest.raises(LogError, match=said):
+        read(tmp_path / "tracks.parquet")
 
 
 def test_labels_of_a_run_are_read(tmp_path):

@@ -11,9 +11,10 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from tests.replay.logs.codecs.ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros
 from tests.replay.logs.test_foreign import edge, log, packed
 
+from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.open import open_log
-from fbench.replay.logs.setup import Setup
+from fbench.replay.logs.setup import BoxSource, Setup
 
 HALF = 2**-0.5
 POINTS = packed([("x", "<f4"), ("y", "<f4"), ("z", "<f4")], [(1, 2, 3)])
@@ -42,6 +43,35 @@ def boxes(tmp_path, *entities, topic="/ground_truth"):
     assert truth.stamp_ns == 5_000_000_000
     assert not faults.num_lost
     return truth.boxes3d
+
+
+def moved(tmp_path, frame="lidar", topic="/ground_truth"):
+    """From its fourth message on, the LiDAR is 4 m farther ahead; nobody's boxes move in `frame`."""
+    items = [("/points", POINTS), (topic, scene(("a", (10, 0, 1), {}, {"frame": frame})))]
+    return log(tmp_path, ("/tf_static", edge("base_link", "lidar", (1, 0, 0))), *items,
+               ("/tf_static", edge("base_link", "lidar", (5, 0, 0))), *items)  # fmt: skip
+
+
+@pytest.mark.parametrize(("frame", "along"), [("lidar", [11, 15]), ("base_link", [10, 10])])
+def test_boxes_in_a_coordinate_frame_that_moves_are_where_it_is_then(tmp_path, frame, along):
+    for topic in ("/ground_truth", "/my_stack/objects"):
+        reader, faults = moved(tmp_path, frame, topic)
+        found = list(reader.truths() if topic == "/ground_truth" else reader.detections(topic))
+        assert [truth.boxes3d.center_m[0, 0] for truth in found] == along
+        assert not faults.num_lost
+
+
+def test_boxes_of_a_file_in_a_coordinate_frame_that_moves_are_refused(tmp_path):
+    moved(tmp_path)
+    (tmp_path / "a.csv").write_text("stamp_ns,x,y,z,length,width,height,yaw\n1,10,0,1,4,2,1.5,0\n")
+    for frame in ("lidar", "body", "base_link"):
+        setup = Setup(truth=BoxSource(tmp_path / "a.csv", frame=frame))
+        reader = open_log(tmp_path / "log.mcap", FaultLog(), setup=setup)
+        if frame == "lidar":
+            with pytest.raises(LogError, match=r"boxes in 'lidar', which moves on the body within the log; give"):
+                list(reader.truths())
+        else:
+            assert [truth.boxes3d.center_m.tolist() for truth in reader.truths()] == [[[10, 0, 1]]]
 
 
 @pytest.mark.parametrize("topic", ["/ground_truth", "/my_stack/objects"])

@@ -5,16 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.replay.fakes import MS, UPRIGHT, Echo, drive
+from tests.replay.fakes import MS, UPRIGHT, Echo, cloud, drive
 
 from fbench.replay.contracts.errors import LogError, MetricError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import Pose
-from fbench.replay.data.rig import Mount, Rig
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.loop import replay
 from fbench.replay.engine.plan import Plan
+from fbench.replay.logs.containers.mcap.write import McapWriter
+from fbench.replay.logs.open import open_log
 from fbench.replay.logs.setup import BoxSource, StampParams
 from fbench.replay.runs.folder import Run
 from fbench.replay.truth.relabel import relabel
@@ -61,6 +63,37 @@ def test_truth_is_replaced(tmp_path):
     now = json.loads(after.manifest.model_dump_json())
     assert {key for key in now if now[key] != before[key]} == {"truth"}
     assert not list(after.folder.glob(".*"))
+
+
+def test_boxes_in_a_coordinate_frame_that_moves_are_refused(tmp_path):
+    low, high = (Rig({"lidar": Mount("lidar", np.array([0, 0, z]), UPRIGHT)}, {}) for z in (2.0, 3.0))
+    with McapWriter(tmp_path / "a.mcap", LogInfo("a", log_id="a-1"), low) as log:
+        for number in range(6):
+            if number == 3:
+                log.write_rig(number * 100 * MS, high)
+            log.write(cloud(number * 100 * MS))
+    run = run_of(tmp_path, open_log(tmp_path / "a.mcap", FaultLog()))
+    assert len(run.manifest.rig_changes) == 1
+    text = f"frame,{SOLID}\n0,1,1,0.5,4,2,1.5,0\n"
+    with pytest.raises(LogError, match=r"truth\.csv.*: boxes in 'lidar', which moves on the body within the log"):
+        labeled(run, text, frame="lidar")
+    found, _ = labeled(run, text, frame="body")
+    assert found.num_matched == 1
+
+
+def test_truth_named_twice_differs_by_frame_and_classes(tmp_path):
+    text, entries = f"frame,{SOLID},label\n0,1,1,0.5,4,2,1.5,0,bus\n", []
+    for frame, classes in (("body", None), ("world", None), ("body", {"bus": "truck"})):
+        run = run_of(tmp_path / str(len(entries)), with_poses(drive()))
+        (tmp_path / "truth.csv").write_text(text)
+        relabel(run, BoxSource(tmp_path / "truth.csv", frame=frame), classes)
+        entries.append(Run(run.folder).manifest.truth)
+    assert [(entry.frame, bool(entry.classes)) for entry in entries] == [
+        ("body", False),
+        ("world", False),
+        ("body", True),
+    ]
+    assert len({entry.digest for entry in entries}) == 1
 
 
 def test_truth_between_is_that_of_a_replay(tmp_path):

@@ -11,7 +11,8 @@ def test_names_as_dict_or_list() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["__import__('os').getcwd()", "{0: 1}", "{'0': 'car'}", "7", "{}", "{0: 'car'", "(" * 5000, ""]
+    "text",
+    ["__import__('os').getcwd()", "{0: 1}", "{'0': 'car'}", "7", "{}", "{0: 'car'", "(" * 5000, "", "{[0]: 'car'}"],
 )
 def test_names_that_are_anything_else_are_refused_and_never_run(text: str) -> None:
     with pytest.raises(ModelError, match="isn't a dict or list of class names"):
