@@ -8,9 +8,9 @@ from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams, resolve_weight
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar
-from fbench.pipelines.sensors.image.stage import InImages, LidarInImages, RadarInImages, projectable
+from fbench.pipelines.sensors.image.stage import InImages, LidarInImages, RadarInImages, SparseFrames, projectable
 from fbench.pipelines.sensors.image.stereo import StereoInImages
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.lidar.stage import LidarStage, RejectedClusters
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.sensors.radar.stage import RadarParams, RadarStage
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams
@@ -49,7 +49,7 @@ class Late2D(FusionPipeline[Boxes2D]):
 
     def __init__(self, params: Late2DParams = Late2DParams()) -> None:
         super().__init__(params, params.fusion.camera_share, Tracker2D(params.tracking))
-        self._params = params
+        self._params, self._rejected, self._sparse = params, RejectedClusters(), SparseFrames()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig. Raises ConfigError where a camera that is named isn't there. Raises LogError
@@ -61,9 +61,9 @@ class Late2D(FusionPipeline[Boxes2D]):
         cameras = projectable("late2d", rig, log_info)
         self._start_cameras(rig, log_info, settings)
         self._fusion = ImageFusion(rig, cameras, params.fusion)
-        self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings)
+        self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings, self._rejected)
         echoes = RadarStage(rig, log_info, params.radar, settings)
-        self._radar = RadarInImages(rig, log_info, cameras, echoes, params.radar, params.radar_image)
+        self._radar = RadarInImages(rig, log_info, cameras, echoes, params.radar, params.radar_image, self._sparse)
         self._stereo = None if pair is None else StereoInImages(rig, cameras, pair)
         self._remember(self._fusion, self._lidar)
         self.weights = {**self._cameras.identity, **self._lidar.identity}
@@ -115,7 +115,7 @@ class Late3D(FusionPipeline[Boxes3D]):
 
     def __init__(self, params: Late3DParams = Late3DParams()) -> None:
         super().__init__(params, params.fusion.camera_share, Tracker3D(params.tracking))
-        self._params = params
+        self._params, self._rejected = params, RejectedClusters()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig. Raises LogError where it has no LiDAR or radar, or a camera that is to be used
@@ -124,7 +124,7 @@ class Late3D(FusionPipeline[Boxes3D]):
         require("late3d", ("lidar", "radar"), rig, log_info)
         settings = SensorSettings(self._params, rig)
         self._start_cameras(rig, log_info, settings)
-        self._lidar = LidarStage(rig, log_info, self._params.lidar, settings)
+        self._lidar = LidarStage(rig, log_info, self._params.lidar, settings, self._rejected)
         self._radar = RadarStage(rig, log_info, self._params.radar, settings)
         self._fusion = LateFusion(resolve_weight(self._params.fusion, self._lidar.judge, bool(self._cameras.used)))
         self._remember(self._fusion, self._lidar)

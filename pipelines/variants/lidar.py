@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from fbench.pipelines.sensors.image.params import LidarImageParams
 from fbench.pipelines.sensors.image.stage import InImages, LidarInImages, drop_labels, projectable
 from fbench.pipelines.sensors.lidar.clusters import LidarParams, LidarView
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.lidar.stage import LidarStage, RejectedClusters
 from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
@@ -54,14 +54,14 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
 
     def __init__(self, params: Lidar2DParams = Lidar2DParams()) -> None:
         super().__init__(Tracker2D(params.tracking), params.detect_every)
-        self._params = params
+        self._params, self._rejected = params, RejectedClusters()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs, and cameras with a projection. Raises LogError where either is missing."""
         require("lidar2d", ("lidar",), rig, log_info)
         cameras = projectable("lidar2d", rig, log_info)
         params, settings = self._params, SensorSettings(self._params, rig)
-        self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings)
+        self._lidar = LidarInImages(rig, log_info, cameras, params.lidar, params.lidar_image, settings, self._rejected)
         self._remember(self._lidar)
         self.weights = self._lidar.identity
         super().start(rig, log_info)
@@ -85,12 +85,13 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
 
     def __init__(self, params: Lidar3DParams = Lidar3DParams()) -> None:
         super().__init__(Tracker3D(params.tracking), params.detect_every)
-        self._params = params
+        self._params, self._rejected = params, RejectedClusters()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs of the rig. Raises LogError where it has none."""
         require("lidar3d", ("lidar",), rig, log_info)
-        self._lidar = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
+        settings = SensorSettings(self._params, rig)
+        self._lidar = LidarStage(rig, log_info, self._params.lidar, settings, self._rejected)
         self._remember(self._lidar)
         self.weights = self._lidar.identity
         super().start(rig, log_info)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
-from fbench.pipelines.sensors.image.stage import InImages, RadarInImages, drop_labels, projectable
+from fbench.pipelines.sensors.image.stage import InImages, RadarInImages, SparseFrames, drop_labels, projectable
 from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.sensors.radar.stage import RadarParams, RadarStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
@@ -55,14 +55,14 @@ class Radar2D(TrackingPipeline[Boxes2D]):
 
     def __init__(self, params: Radar2DParams = Radar2DParams()) -> None:
         super().__init__(Tracker2D(params.tracking), params.detect_every)
-        self._params = params
+        self._params, self._sparse = params, SparseFrames()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all radars, and cameras with a projection. Raises LogError where either is missing."""
         require("radar2d", ("radar",), rig, log_info)
         cameras, params = projectable("radar2d", rig, log_info), self._params
         echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))
-        self._radar = RadarInImages(rig, log_info, cameras, echoes, params.radar, params.radar_image)
+        self._radar = RadarInImages(rig, log_info, cameras, echoes, params.radar, params.radar_image, self._sparse)
         super().start(rig, log_info)
 
     def warnings(self) -> tuple[Fault, ...]:

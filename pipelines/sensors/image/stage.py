@@ -15,7 +15,7 @@ from fbench.pipelines.sensors.image.params import (
     resolve_min_echoes,
 )
 from fbench.pipelines.sensors.lidar.clusters import LidarParams, LidarView
-from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.lidar.stage import LidarStage, RejectedClusters
 from fbench.pipelines.sensors.odds import log_odds
 from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.points.merged import viewpoint
@@ -230,10 +230,10 @@ class LidarInImages:
 
     def __init__(
         self, rig: Rig, log_info: LogInfo, cameras: tuple[str, ...], lidar: LidarParams, image: LidarImageParams,
-        settings: SensorSettings,
+        settings: SensorSettings, rejected: RejectedClusters,
     ) -> None:  # fmt: skip
         lidar, self._params = resolve_grouping(lidar, image, log_info)
-        self._rig, self._cameras, self._stage = rig, cameras, LidarStage(rig, log_info, lidar, settings)
+        self._rig, self._cameras, self._stage = rig, cameras, LidarStage(rig, log_info, lidar, settings, rejected)
         self._viewpoint, self.identity = viewpoint(rig, "lidar"), self._stage.identity
 
     def reset(self) -> None:
@@ -283,29 +283,46 @@ class LidarInImages:
         return InImages(seen, in_space=view)
 
 
+class SparseFrames:
+    """Counts frames of one log, and those with too few echoes."""
+
+    def __init__(self) -> None:
+        self._log_info: LogInfo | None = None
+
+    def begin(self, log_info: LogInfo) -> None:
+        """Begin with a log, or go on with it where its rig changed."""
+        if log_info != self._log_info:
+            self._log_info, self.num, self.num_sparse = log_info, 0, 0
+
+    def count(self, is_sparse: bool) -> None:
+        """Take in a frame."""
+        self.num, self.num_sparse = self.num + 1, self.num_sparse + is_sparse
+
+
 class RadarInImages:
     """Clusters of radar echoes in images; of sparse radars what they see in space, projected."""
 
     def __init__(
         self, rig: Rig, log_info: LogInfo, cameras: tuple[str, ...], stage: RadarStage, params: RadarParams,
-        image: RadarImageParams,
+        image: RadarImageParams, sparse: SparseFrames,
     ) -> None:  # fmt: skip
         self._rig, self._cameras, self._stage, self._radar, self._image = rig, cameras, stage, params, image
         self._min_echoes = resolve_min_echoes(image.min_echoes, log_info)
-        self._viewpoint = viewpoint(rig, "radar")
-        self._num = self._num_sparse = 0
+        self._viewpoint, self._sparse = viewpoint(rig, "radar"), sparse
+        sparse.begin(log_info)
 
     def remember(self, seen: InImages) -> None:
         """Count whether there were too few echoes; once for each frame."""
         if seen.is_sparse is not None:
-            self._num, self._num_sparse = self._num + 1, self._num_sparse + seen.is_sparse
+            self._sparse.count(seen.is_sparse)
 
     def warnings(self) -> tuple[Fault, ...]:
         """Say where most frames since the start had too few echoes."""
-        if 2 * self._num_sparse <= self._num:
+        num, num_sparse = self._sparse.num, self._sparse.num_sparse
+        if 2 * num_sparse <= num:
             return ()
         text = (
-            f"radar: fewer than {self._min_echoes} echoes in {self._num_sparse} of {self._num} frames "
+            f"radar: fewer than {self._min_echoes} echoes in {num_sparse} of {num} frames "
             "(radar_image.min_echoes); radar3d shows what it finds in space"
         )
         return (Fault("PRD006", text),)

@@ -41,10 +41,17 @@ more, whoever judges."""
 
 
 class RejectedClusters:
-    """Counts clusters as large as a car, with enough points to tell, and those of them that are taken for none."""
+    """Counts clusters of one log as large as a car, with enough points to tell, and those of them that are taken for
+    none.
+    """
 
     def __init__(self) -> None:
-        self._num = self._num_rejected = 0
+        self._log_info: LogInfo | None = None
+
+    def begin(self, log_info: LogInfo) -> None:
+        """Begin with a log, or go on with it where its rig changed."""
+        if log_info != self._log_info:
+            self._log_info, self._num, self._num_rejected = log_info, 0, 0
 
     def count(self, view: LidarView) -> None:
         """Take in the clusters of one frame."""
@@ -133,9 +140,14 @@ def _boxes_around(xyz: Float64, boxes: Boxes3D) -> Int64:
 
 
 class LidarStage:
-    """Remembers how the ground lies, for frames in which no LiDAR tells, and how the body moves."""
+    """Remembers how the ground lies, for frames in which no LiDAR tells, and how the body moves; `rejected` what it
+    counted before the rig changed.
+    """
 
-    def __init__(self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings) -> None:
+    def __init__(
+        self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings,
+        rejected: RejectedClusters | None = None,
+    ) -> None:  # fmt: skip
         self._rig, self._params = rig, resolve_judge(params, log_info)
         is_learned = params.detector == "learned"
         self._network = open_detector(params.network) if is_learned else None
@@ -151,7 +163,8 @@ class LidarStage:
         self._ranges_m = {name: (p.min_range_m, p.max_range_m or np.inf) for name, p in own.items()}
         self._own = Outline(params.ego_front_m, params.ego_rear_m, params.ego_side_m)
         self._deskew = Deskew(log_info) if params.deskew else None
-        self._viewpoint, self._rejected = viewpoint(rig, "lidar"), RejectedClusters()
+        self._viewpoint, self._rejected = viewpoint(rig, "lidar"), rejected or RejectedClusters()
+        self._rejected.begin(log_info)
         self.reset()
 
     def reset(self) -> None:

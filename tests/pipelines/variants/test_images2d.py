@@ -80,6 +80,16 @@ def test_a_sparse_radar_sees_the_car_and_that_it_approaches_the_own_one():
     assert (warning.code, "fewer than 5000 echoes in 1 of 1 frames" in warning.where) == ("PRD006", True)
 
 
+def test_what_was_counted_stays_where_the_rig_changes_within_a_log():
+    pipeline, sensors = Radar2D(), rig("cam", "radar")
+    higher = replace(sensors, mounts={**sensors.mounts, "radar": replace(MOUNTS["radar"], translation_m=np.ones(3))})
+    for log, mounted, num in ((LOG, sensors, 1), (LOG, higher, 2), (LogInfo("other", "id-2"), sensors, 1)):
+        pipeline.start(mounted, log)
+        pipeline.step(frame(0, scan()))
+        (warning,) = pipeline.warnings()
+        assert f"in {num} of {num} frames" in warning.where
+
+
 def test_from_how_many_echoes_on_radars_outline_is_known_of_simulated_ones():
     simulated = Radar2D(Radar2DParams(min_score=0.3))
     simulated.start(rig("cam", "radar"), LogInfo("city", "id", {SIMULATED: "1"}))

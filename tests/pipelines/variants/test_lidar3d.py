@@ -71,6 +71,8 @@ def test_a_judge_that_rejects_nearly_all_cars_is_flagged(shape: CarShapeParams, 
     for index in range(num):
         pipeline.step(frame(index, PointCloud("lidar", 0, 0, xyz)))
         pipeline.reset("segments don't matter")
+        if index == 10:
+            pipeline.start(rig("lidar"), LOG)  # nor changes of the rig
     found = [(fault.code, fault.where) for fault in pipeline.warnings()]
     whole = f"lidar: {advice}; if they are vehicles, try --set lidar.judge=model"
     assert found == ([] if advice is None else [("PRD005", whole)])
