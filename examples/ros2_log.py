@@ -121,16 +121,18 @@ def _number(place: str) -> Iterator[str]:
 def rewrite(source: Path, out: Path, results: Path | None = None, delay_ms: float = 80.0) -> None:
     """Write `out`; `results` is a run folder whose tracks come `delay_ms` after their frames."""
     reader = open_log(source, FaultLog())
-    ros, names = Ros(), Names(reader.rig)
+    rig = reader.rig
+    ros, names = Ros(), Names(rig)
     sent: list[Sent] = []
     start_ns = None
     for message in reader.messages():
         if isinstance(message, RigChange):
-            continue
-        if start_ns is None:
+            rig = message.rig
+        if start_ns is None or isinstance(message, RigChange):
             start_ns = message.log_ns
-            sent.append(Sent("/tf_static", start_ns, start_ns, transforms(ros, names, reader.rig, start_ns)))
-        sent += messages(ros, names, reader.rig, message)
+            sent.append(Sent("/tf_static", start_ns, start_ns, transforms(ros, names, rig, start_ns)))
+        if not isinstance(message, RigChange):
+            sent += messages(ros, names, rig, message)
     for truth in reader.truths():
         if truth.boxes3d is not None:
             sent.append(labels(ros, "/annotation/objects", truth))

@@ -11,7 +11,9 @@ from tests.city_log import write_city_log
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.rig import RigChange
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo, Mount, Rig, RigChange
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.rig_patch import RigPatch
@@ -127,3 +129,21 @@ def test_static_transforms_are_taken_from_any_file_of_a_split_recording(logs, tm
     plain, split = open_log(logs[1], FaultLog()), open_log(folder, FaultLog())
     assert split.rig.list_changes(plain.rig) == ()
     assert not [m for m in split.messages() if isinstance(m, RigChange)]
+
+
+def test_changes_of_the_calibration_are_in_a_rewritten_log(tmp_path):
+    low, high = (Rig({"top": Mount("lidar", np.array([0, 0, z]), UPRIGHT)}, {}) for z in (2.0, 2.5))
+    with McapWriter(tmp_path / "own.mcap", LogInfo("own", "id"), low) as log:
+        for number in range(4):
+            if number == 2:
+                log.write_rig(number * 100_000_000, high)
+            stamp_ns = number * 100_000_000
+            log.write(PointCloud("top", stamp_ns, stamp_ns, np.ones((3, 3), np.float32)))
+    runpy.run_path(str(EXAMPLE))["rewrite"](tmp_path / "own.mcap", tmp_path / "ros.mcap")
+    own, ros = (open_log(tmp_path / name, FaultLog()) for name in ("own.mcap", "ros.mcap"))
+    assert [isinstance(item, RigChange) for item in ros.messages()] == [
+        isinstance(m, RigChange) for m in own.messages()
+    ]
+    assert ros.rig.mounts["lidar_top_link"].translation_m[2] == pytest.approx(2.0)
+    (change,) = [item for item in ros.messages() if isinstance(item, RigChange)]
+    assert change.rig.mounts["lidar_top_link"].translation_m[2] == pytest.approx(2.5)
