@@ -151,8 +151,10 @@ def replay(
             with guard(f"pipeline '{name}' can't overlap frames"):
                 processes = Overlap(request.pipeline, options.settings, request.overlap)
                 plan = replace(plan, overlap=opened.enter_context(processes))
+        if options.log.setup.truth is not None:  # What scores need, and is wrong, must not cost a whole replay
+            next(options.log.open(FaultLog()).truths(), None)
         with _open_reader(request, options, faults, shared) as reader:
-            _ = reader.info.outline  # Scores need it: a wrong one must not cost a whole replay
+            _ = reader.info.outline
             log = public_name(reader.info) if request.redact else reader.info.name
             under = "".join(f"-{part}" for part in options.disturbance.parts)
             under = re.sub(r"[^\w.]+", "-", under).rstrip("-")

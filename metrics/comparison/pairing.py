@@ -93,5 +93,6 @@ def _files(manifest: Manifest) -> dict[str, str]:
     named: dict[str, list[str]] = {}
     for role, entry in [("truth", manifest.truth), *((entry.role, entry) for entry in manifest.inputs)]:
         if entry is not None:
-            named.setdefault(role, []).append(f"{entry.name or 'a file'} ({entry.digest[:8]})")
+            place = "".join(f", in {name}" for name in dict.fromkeys((entry.frame, entry.camera)) if name)
+            named.setdefault(role, []).append(f"{entry.name or 'a file'} ({entry.digest[:8]}{place})")
     return {role: ", ".join(entries) for role, entries in named.items()}

@@ -2,6 +2,7 @@
 
 import copy
 import math
+import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,10 @@ from fbench.pipelines.models.settings import LoopSettings
 from fbench.replay.contracts.errors import ConfigError
 
 _STATE = {"made_from", "step", "losses", "network", "averaged", "optimizer"}
-_DAMAGED = (RuntimeError, UnpicklingError, EOFError, LookupError, ValueError, TypeError, AttributeError, AssertionError)
+_DAMAGED = (
+    RuntimeError, UnpicklingError, EOFError, LookupError, ValueError, TypeError, AttributeError, AssertionError,
+    ArithmeticError, struct.error,
+)  # fmt: skip
 """What reading a file raises that is no checkpoint: torch takes its bytes for instructions."""
 Report = Callable[[int, float], None]  # Called with the number of steps done and the latest loss
 

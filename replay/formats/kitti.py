@@ -251,10 +251,9 @@ def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: Coordi
     where = str(source.path)
     # Of camera 0, whose coordinates KITTI's 3D boxes are in, many logs have no images.
     owner = coordinates.camera(source.frame) or source.frame or find_camera(source.camera, coordinates, where)
-    body_T_level = np.eye(4)
-    if source.frame or not coordinates.camera0_is_body:
+    is_solid, body_T_level = any(row.solid is not None for _, objects in frames() for row in objects), np.eye(4)
+    if is_solid and (source.frame or not coordinates.camera0_is_body):
         body_T_level = body_T(owner, coordinates, where) @ CAMERA_T_LEVEL
-    is_solid = any(row.solid is not None for _, objects in frames() for row in objects)
     for number, objects in frames():
         boxes = move_boxes(to_boxes3d(objects), body_T_level) if is_solid else None
         yield Truth(0, 0, boxes, to_boxes2d(objects), number, number)

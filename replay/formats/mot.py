@@ -58,10 +58,15 @@ def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog)
         yield Truth(0, 0, None, to_boxes2d(objects), frame_index=frame - 1)
 
 
+def find_sequence_info(file: Path) -> Path | None:
+    """Return the `seqinfo.ini` near a file of boxes."""
+    near = (folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent))
+    return next(filter(Path.is_file, near), None)
+
+
 def sequence_length(file: Path) -> int | None:
     """Return how many frames the `seqinfo.ini` near a file of boxes gives, if there is one. LogError: it gives none."""
-    near = (folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent))
-    if (path := next(filter(Path.is_file, near), None)) is None:
+    if (path := find_sequence_info(file)) is None:
         return None
     import configparser  # takes a while to import, for a file that hardly any sequence has
 

@@ -76,8 +76,8 @@ def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
         hint = did_you_mean(name, sorted(known - {""}))
         raise ConfigError(f"{where}: coordinate frame '{name}' isn't in the log{hint}")
     if name in coordinates.moved():
-        advice = "give the boxes in 'body', or cut the log there"
-        raise LogError(f"{where}: boxes in '{name}', which moves on the body within the log; {advice}", "CAL002")
+        advice = "give them in 'body', or cut the log where its calibration changes"
+        raise LogError(f"{where}: boxes in '{name}', which moves on the body within the log; {advice}", "CAL001")
     return matrix
 
 

@@ -11,7 +11,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.kitti import open_ab3dmot, open_kitti, open_kitti_tracking
-from fbench.replay.formats.mot import open_mot
+from fbench.replay.formats.mot import find_sequence_info, open_mot
 from fbench.replay.formats.nuscenes import find_companion, open_nuscenes
 from fbench.replay.formats.openlabel import open_openlabel
 from fbench.replay.formats.recognition import recognize
@@ -118,7 +118,8 @@ def results_entry(source: BoxSource) -> InputEntry:
 
 
 def digest_boxes(source: BoxSource) -> tuple[str, str]:
-    """Return the form of a file or folder, and its digest, with that of the table of samples beside a submission."""
+    """Return the form of a file or folder, and its digest, with that of the file beside it that it is read with."""
     form, own = form_of(source), digest_of(source.path)
-    companion = find_companion(source.path) if form == "nuscenes" else None
+    find = {"nuscenes": find_companion, "mot": find_sequence_info}.get(form)
+    companion = find(source.path) if find is not None and source.path.is_file() else None  # a folder holds its own
     return form, own if companion is None else digest((own, digest_of(companion)))

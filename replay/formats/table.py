@@ -188,8 +188,12 @@ def read_run_table(file: TableFile) -> Iterator[Truth]:
 def _can_hold(given: pa.DataType, wanted: pa.DataType) -> bool:
     """Tell whether a column of another program's table can be read as one that fbench wrote."""
     plain = given.value_type if pa.types.is_dictionary(given) else given
-    are_alike = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean)
-    return plain == wanted or any(is_so(plain) and is_so(wanted) for is_so in are_alike)
+    are_alike = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, _is_text)
+    return pa.types.is_null(plain) or plain == wanted or any(is_so(plain) and is_so(wanted) for is_so in are_alike)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
 def _runs(keys: Int64) -> Iterator[tuple[int, int]]:

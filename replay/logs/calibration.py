@@ -18,6 +18,8 @@ from fbench.replay.logs.roles import Role, sensor_roles
 from fbench.replay.logs.setup import Setup
 from fbench.replay.logs.truth import PosesIn
 
+_SAME_CLOCK_NS = 3_600_000_000_000  # A stamp farther from the log times of changes is of another clock
+
 
 @dataclass(frozen=True)
 class LogCalibration:
@@ -42,32 +44,38 @@ class LogCalibration:
         world, is_camera0 = self.poses_in.world, self.metadata.get(CAMERA0) == BODY
         return CoordinateFrames(self.rig, *self.tree(), names, world, is_camera0, lambda: self._moved)
 
-    def tree(self, log_ns: int | None = None) -> tuple[TransformTree, str]:
-        """Return the transforms that hold at a log time, or as the log begins, and the name of the body in them."""
-        if log_ns is not None and (num := bisect_right(self._later, log_ns, key=lambda later: later[0])):
-            return self._later[num - 1][1:]
+    def tree(self, at_ns: tuple[int, int] | None = None) -> tuple[TransformTree, str]:
+        """Return the transforms that hold at a stamp with its log time, or as the log begins, and the name of the body
+        in them. Boxes may be recorded long after their stamp, which counts unless it is of another clock.
+        """
+        if at_ns is not None and self._later:
+            stamp_ns, log_ns = at_ns
+            is_of_log = abs(stamp_ns - self._later[0][0]) < _SAME_CLOCK_NS
+            num = bisect_right(self._later, min(at_ns) if is_of_log else log_ns, key=lambda later: later[0])
+            if num:
+                return self._later[num - 1][1:]
         if self.container.rigs:
             return tree_of(self.rig), BODY
         return self._state.tree, self._state.body()
 
     @cached_property
     def _later(self) -> Sequence[tuple[int, TransformTree, str]]:
-        """Transforms that hold from a log time on, in that order; transforms and calibrations alone are read for it."""
-        changes = self.changes()
-        return [(change.log_ns, *changes.tree(change.rig)) for change in changes.all(self.container)]
+        """Transforms that hold from a log time on, in that order; these alone are read for it."""
+        if self.container.rigs:
+            return [(log_ns, tree_of(rig), BODY) for log_ns, rig in self._container_rigs[1:]]
+        return list(self._state.later_trees())
 
     @cached_property
     def _moved(self) -> frozenset[str]:
         """Coordinate frames that don't lie on the body as they did when the log began, and sensors that have one."""
         first, body = self.tree()
-        heard = {role.frame_id: role.sensor for role in sensor_roles(self.roles)}
-        found = set[str]()
+        found, heard = set[str](), sensor_roles(self.roles)
         for _, tree, own in self._later:
             for name in first.edges:
                 with suppress(DecodeError):
                     before, after = first.pose(name, body), tree.pose(name, own)
                     if before is not None and is_elsewhere(before, after):
-                        found |= {name, heard.get(name, name)}
+                        found |= {name, *(role.sensor for role in heard if role.frame_id == name)}
         return frozenset(found)
 
     @cached_property

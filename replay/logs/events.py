@@ -92,7 +92,7 @@ class EventDecoder:
                 cameras = {r.frame_id: r.sensor for _, r in sorted(self._roles.items()) if r.kind == "camera"}
                 tree, body = self._calibration.tree()
                 if {part.frame_id, *part.frame_ids} - {"", body, *WORLDS}:  # which may have moved on the body since
-                    tree, body = self._calibration.tree(entry.log_ns)
+                    tree, body = self._calibration.tree((part.truth.stamp_ns, entry.log_ns))
                 part = in_body(part, tree, body, cameras, self._calibration.poses_in)
             return replace(part, truth=self.classify(part.truth, "" if role.is_own else entry.topic))
         except NothingError:

@@ -12,7 +12,7 @@ import numpy as np
 from fbench.replay.contracts.errors import DecodeError, LogError
 from fbench.replay.data.rig import KINDS, CameraModel, Kind, Mount, Rig, RigChange
 from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.coordinate_frames import BODIES, BODY, TransformTree, tree_of
+from fbench.replay.logs.coordinate_frames import BODIES, BODY, TransformTree
 from fbench.replay.logs.rig_patch import FittedPatch, find_sensors, require_use
 from fbench.replay.logs.roles import Role, sensor_roles
 from fbench.replay.logs.setup import Setup
@@ -63,6 +63,16 @@ class RigState:
         self.cameras[key] = self.neighbors[_folder(entry.topic)] = self.by_topic[entry.topic] = camera
         self.calibrated.add(entry.channel)
         return old is None or not old.equals(camera)
+
+    def later_trees(self) -> Iterator[tuple[int, TransformTree, str]]:
+        """Read all static transforms, and yield log time, transforms, and name of the body where one changes."""
+        state = self.copy()
+        static = frozenset(id_ for id_, r in self.roles.items() if r.kind == "transform" and r.is_static)
+        for log_ns, group in groupby(self.container.entries(static) if static else (), key=lambda entry: entry.log_ns):
+            news = [state.take(entry) for entry in group]
+            if any(news):
+                with suppress(LogError):  # what was broken in the middle of a log doesn't count
+                    yield log_ns, TransformTree(dict(state.tree.edges)), state.body()
 
     def copy(self) -> "RigState":
         """Return an independent copy."""
@@ -240,13 +250,6 @@ class RigChanges:
             yield from self.until(log_ns)
         for entry in self.follow(container.entries(self.channels) if self.channels else ()):
             yield from self.until(entry.log_ns)
-
-    def tree(self, rig: Rig) -> tuple[TransformTree, str]:
-        """Return the transforms that hold now, and the name of the body in them, where the rig is the latest one."""
-        if self._state is None:
-            return tree_of(rig), BODY
-        tree = self._state.tree
-        return TransformTree(dict(tree.edges)), self._state.body()
 
     def until(self, log_ns: int) -> Iterator[RigChange]:
         """Yield the change of the rig before a message of log time `log_ns`, where there is one."""

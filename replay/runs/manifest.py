@@ -124,8 +124,8 @@ class TruthEntry(_Strict):
     name: str  # Without the folder
     format: str  # One of `formats.open.FORMATS`
     digest: str
-    """blake2b over the file, with that of the table of samples beside it, or over names and content of the folder's
-    files"""
+    """blake2b over the file, with that of `seqinfo.ini` or the table of samples beside it; or over names and content of
+    the folder's files"""
     frame: str = ""  # Coordinate frame of 3D boxes where the user named it
     camera: str = ""  # Camera of 2D boxes where the user named it
     classes: str = ""

@@ -35,6 +35,10 @@ class TestRequireComparable:
             "truth: none -> labels.csv (d4d4d4d4)",
         )
         assert require_comparable(head, head) == ()
+        named = head.model_copy(update={"truth": truth.model_copy(update={"frame": "lidar", "camera": "front"})})
+        assert require_comparable(head, named) == (
+            "truth: labels.csv (d4d4d4d4) -> labels.csv (d4d4d4d4, in lidar, in front)",
+        )
 
     def test_one_log_under_conditions_is_noted(self) -> None:
         fog = ConditionEntry(name="fog", version=1, strength="3", level={"visibility_m": 150.0}, sensors="lidar")

@@ -66,7 +66,9 @@ def test_it_goes_on_from_a_checkpoint_as_if_nothing_had_been(made, tmp_path):
     assert len(second.losses) == 12
 
 
-@pytest.mark.parametrize("damage", ["cut", "not a checkpoint", "hello\n", "PK\3\4", "cos\nsystem\n", "other", "origin"])
+@pytest.mark.parametrize(
+    "damage", ["cut", "not a checkpoint", "hello\n", "PK\3\4", "cos\nsystem\n", "G", "J1\n", "X12", "other", "origin"]
+)
 def test_a_damaged_checkpoint_is_refused(made, tmp_path, damage):
     path = tmp_path / "some.pt"
     Training(made, replace(SHORT, steps=1)).run(path, quiet)

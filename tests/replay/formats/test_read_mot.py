@@ -5,6 +5,8 @@ import pytest
 from tests.replay.formats.box_files import form, read
 
 from fbench.replay.contracts.errors import FbenchError
+from fbench.replay.formats.open import truth_entry
+from fbench.replay.logs.setup import BoxSource
 
 GT = "1,2,10,20,30,40,1,1,0.8\n3,2,11,20,30,40,0,12,0.1\n1,5,100,20,30,40,1,3,1\n"
 
@@ -67,3 +69,11 @@ def test_bad_sequence_info(tmp_path):
     (tmp_path / "seqinfo.ini").write_text("[Sequence]\nseqLength=99999999999999\n")
     with pytest.raises(FbenchError, match="seqLength: frame is 99999999999999, expected 0 to"):
         read(tmp_path)
+
+
+def test_the_length_of_the_sequence_is_part_of_the_digest(tmp_path):
+    file = sequence(tmp_path, GT) / "gt/gt.txt"
+    sources = BoxSource(file), BoxSource(tmp_path)
+    before = [truth_entry(source).digest for source in sources]
+    (tmp_path / "seqinfo.ini").write_text("[Sequence]\nseqLength=50\n")
+    assert not set(before) & {truth_entry(source).digest for source in sources}

@@ -259,6 +259,21 @@ def test_tables_of_runs_that_others_wrote_anew_are_refused_by_name(tmp_path, nam
         read(tmp_path / "tracks.parquet")
 
 
+def test_tables_of_runs_that_pandas_wrote_anew_are_read(tmp_path):
+    writer = BoxWriter(tmp_path / "tracks.parquet", Boxes3D)
+    writer.add(0, Boxes3D(np.zeros((2, 3)), np.ones((2, 3)), np.zeros(2), score=np.ones(2)))
+    writer.close()
+    table = pq.read_table(tmp_path / "tracks.parquet")
+    for name, values in [("label", pa.array(["truck", "bus"], pa.large_string())), ("velocity_mps", pa.nulls(2)),
+                         ("track_id", pa.array([1, 2], pa.int32())), ("attribute", pa.nulls(2))]:  # fmt: skip
+        table = table.set_column(table.column_names.index(name), name, values)
+    pq.write_table(table.replace_schema_metadata({"boxes": "Boxes3D"}), tmp_path / "tracks.parquet")
+    (truth,) = read(tmp_path / "tracks.parquet")
+    assert truth.boxes3d.label.tolist() == ["truck", "bus"]
+    assert truth.boxes3d.track_id.tolist() == [1, 2]
+    assert truth.boxes3d.velocity_mps is None
+
+
 def test_labels_of_a_run_are_read(tmp_path):
     boxes = replace(Boxes3D.empty(), center_m=np.zeros((2, 3)), size_lwh_m=np.ones((2, 3)), yaw_rad=np.zeros(2))
     writer = BoxWriter(tmp_path / "tracks.parquet", Boxes3D)

@@ -7,7 +7,9 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
+from mcap_protobuf.writer import Writer
 from tests.replay.logs.codecs.ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros
 from tests.replay.logs.test_foreign import edge, log, packed
 
@@ -45,17 +47,32 @@ def boxes(tmp_path, *entities, topic="/ground_truth"):
     return truth.boxes3d
 
 
-def moved(tmp_path, frame="lidar", topic="/ground_truth"):
-    """From its fourth message on, the LiDAR is 4 m farther ahead; nobody's boxes move in `frame`."""
-    items = [("/points", POINTS), (topic, scene(("a", (10, 0, 1), {}, {"frame": frame})))]
-    return log(tmp_path, ("/tf_static", edge("base_link", "lidar", (1, 0, 0))), *items,
-               ("/tf_static", edge("base_link", "lidar", (5, 0, 0))), *items)  # fmt: skip
+S = 1_000_000_000
 
 
-@pytest.mark.parametrize(("frame", "along"), [("lidar", [11, 15]), ("base_link", [10, 10])])
-def test_boxes_in_a_coordinate_frame_that_moves_are_where_it_is_then(tmp_path, frame, along):
-    for topic in ("/ground_truth", "/my_stack/objects"):
-        reader, faults = moved(tmp_path, frame, topic)
+def moved(tmp_path, frame="lidar", topic="/ground_truth", late_s=0):
+    """From 5.5 s on, the LiDAR is 4 m farther ahead, and so is what someone labels in. Boxes of 5 s and 6 s, which lie
+    10 m ahead in `frame`, are recorded `late_s` later.
+    """
+    parts: list[tuple[float, str, Message]] = []
+    for second, ahead in ((5, 1), (6, 5)):
+        start = 0 if second == 5 else 5.5
+        parts += [(start, "/tf_static", edge("base_link", name, (ahead, 0, 0))) for name in ("lidar", "labeler")]
+        cubes = scene(("a", (10, 0, 1), {}, {"frame": frame}))
+        cubes.entities[0].timestamp.seconds = second
+        parts += [(second, "/points", POINTS), (second, "/points2", POINTS), (second + late_s, topic, cubes)]
+    with (tmp_path / "log.mcap").open("wb") as file, Writer(file) as writer:
+        for at_s, name, message in sorted(parts, key=lambda part: part[0]):
+            writer.write_message(name, message, log_time=round(at_s * S), publish_time=round(at_s * S))
+
+
+@pytest.mark.parametrize("late_s", [0, 0.9, 30])
+@pytest.mark.parametrize(("frame", "along"), [("lidar", [11, 15]), ("labeler", [11, 15]), ("base_link", [10, 10])])
+def test_boxes_in_a_coordinate_frame_that_moves_are_where_it_is_at_their_stamp(tmp_path, frame, along, late_s):
+    for topic, left_out in (("/ground_truth", ()), ("/my_stack/objects", ()), ("/ground_truth", ("!/points",))):
+        moved(tmp_path, frame, topic, late_s)
+        faults = FaultLog()
+        reader = open_log(tmp_path / "log.mcap", faults, left_out)
         found = list(reader.truths() if topic == "/ground_truth" else reader.detections(topic))
         assert [truth.boxes3d.center_m[0, 0] for truth in found] == along
         assert not faults.num_lost
@@ -64,11 +81,11 @@ def test_boxes_in_a_coordinate_frame_that_moves_are_where_it_is_then(tmp_path, f
 def test_boxes_of_a_file_in_a_coordinate_frame_that_moves_are_refused(tmp_path):
     moved(tmp_path)
     (tmp_path / "a.csv").write_text("stamp_ns,x,y,z,length,width,height,yaw\n1,10,0,1,4,2,1.5,0\n")
-    for frame in ("lidar", "body", "base_link"):
+    for frame in ("lidar", "points", "points2", "body", "base_link"):
         setup = Setup(truth=BoxSource(tmp_path / "a.csv", frame=frame))
         reader = open_log(tmp_path / "log.mcap", FaultLog(), setup=setup)
-        if frame == "lidar":
-            with pytest.raises(LogError, match=r"boxes in 'lidar', which moves on the body within the log; give"):
+        if frame not in ("body", "base_link"):
+            with pytest.raises(LogError, match=rf"boxes in '{frame}', which moves on the body within the log; give"):
                 list(reader.truths())
         else:
             assert [truth.boxes3d.center_m.tolist() for truth in reader.truths()] == [[[10, 0, 1]]]
