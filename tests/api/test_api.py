@@ -23,6 +23,7 @@ from fbench.api import (
     score,
 )
 from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.logs.setup import BoxSource
 
 NOTEBOOK = Path(__file__).parents[2] / "examples" / "quickstart.ipynb"
 
@@ -117,3 +118,13 @@ def test_the_notebook_runs(tmp_path, monkeypatch):
             assert cell["outputs"] == []
             exec("".join(cell["source"]), names)  # noqa: S102
     assert (tmp_path / "runs" / "late3d" / "scores.json").exists()
+
+
+def test_truth_that_cannot_be_read_costs_no_replay(log, tmp_path):
+    (tmp_path / "labels.csv").write_text("frame,x,y,z,length,width,height,yaw\n0,1,2,three,4,2,1.5,0\n")
+    request = LogRequest(log, truth=BoxSource(tmp_path / "labels.csv"))
+    frames: list[int] = []
+    with pytest.raises(LogError, match=r"labels\.csv row 1: z is 'three'"):
+        replay(ReplayRequest(request, "lidar3d", out=tmp_path / "run"), frames.append)
+    assert frames == []
+    assert not (tmp_path / "run").exists()
