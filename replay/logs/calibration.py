@@ -6,11 +6,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from fbench.replay.contracts.errors import DecodeError, LogError
+from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import KINDS, Rig
 from fbench.replay.logs.container import Container
-from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, TransformTree, is_elsewhere, tree_of
+from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, TransformTree, find_moved, tree_of
 from fbench.replay.logs.poses import TfSource
 from fbench.replay.logs.rig import RigChanges, RigState, first_state
 from fbench.replay.logs.rig_patch import find_sensors, rename_sensors, require_use
@@ -69,14 +69,8 @@ class LogCalibration:
     def _moved(self) -> frozenset[str]:
         """Coordinate frames that don't lie on the body as they did when the log began, and sensors that have one."""
         first, body = self.tree()
-        found, heard = set[str](), sensor_roles(self.roles)
-        for _, tree, own in self._later:
-            for name in first.edges:
-                with suppress(DecodeError):
-                    before, after = first.pose(name, body), tree.pose(name, own)
-                    if before is not None and is_elsewhere(before, after):
-                        found |= {name, *(role.sensor for role in heard if role.frame_id == name)}
-        return frozenset(found)
+        found = find_moved(first, body, (later[1:] for later in self._later))
+        return found | {role.sensor for role in sensor_roles(self.roles) if role.frame_id in found}
 
     @cached_property
     def tf(self) -> TfSource:

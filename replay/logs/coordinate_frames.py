@@ -1,6 +1,7 @@
 """Coordinate frames of a log: their names and the tree of transforms between them."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -136,9 +137,22 @@ def invalid(translation_m: Float64, rotation_xyzw: Float64) -> str | None:
     return None if _MIN_QUATERNION < largest < _MAX else "has no valid rotation"
 
 
-def is_elsewhere(before: tuple[Float64, Float64], after: tuple[Float64, Float64] | None) -> bool:
-    """Tell whether a pose isn't the same any more, but for 0.1 mm and 0.006 degrees."""
-    return after is None or not np.allclose(pose_matrix(*before), pose_matrix(*after), rtol=0, atol=1e-4)
+def find_moved(first: TransformTree, body: str, later: Iterable[tuple[TransformTree, str]]) -> frozenset[str]:
+    """Return the coordinate frames of the first transforms that later ones, with the name of the body in them, put
+    elsewhere on the body, by more than 0.1 mm or 0.006 degrees.
+    """
+    found = set[str]()
+    for tree, own in later:
+        for name in first.edges:
+            with suppress(DecodeError):
+                before, after = first.pose(name, body), tree.pose(name, own)
+                if before is not None and (after is None or not _are_near(pose_matrix(*before), pose_matrix(*after))):
+                    found.add(name)
+    return frozenset(found)
+
+
+def _are_near(a: Float64, b: Float64) -> bool:
+    return bool(np.allclose(a, b, rtol=0, atol=1e-4))
 
 
 WORLDS = ("world", "map", "odom", "global", "earth")

@@ -17,7 +17,7 @@ from fbench.replay.data.messages import Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.engine.poses import pose_of
 from fbench.replay.formats.open import open_boxes, truth_entry
-from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, is_elsewhere, tree_of
+from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, find_moved, tree_of
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.folder import FRAMES, Run, with_truth, write_frames
 from fbench.replay.runs.manifest import InterpolationEntry, TruthEntry, save_manifest
@@ -52,11 +52,8 @@ def relabel(
     """
     rig, faults = run.manifest.rig, FaultLog()
     is_camera0 = run.manifest.log.metadata.get(CAMERA0) == BODY
-    first, later = tree_of(rig), [tree_of(entry.rig) for entry in run.manifest.rig_changes]
-    moved = {
-        name for tree in later for name in rig.mounts
-        if (before := first.pose(name, BODY)) and is_elsewhere(before, tree.pose(name, BODY))
-    }  # fmt: skip
+    first = tree_of(rig)
+    moved = find_moved(first, BODY, ((tree_of(entry.rig), BODY) for entry in run.manifest.rig_changes))
     coordinates = CoordinateFrames(rig, first, BODY, camera0_is_body=is_camera0, moved=lambda: moved)
     file = open_boxes(source, coordinates, faults)
     map_, where = ClassMap(classes or {}), source.path.name
