@@ -16,7 +16,7 @@ from fbench.replay.contracts.protocols import NeedsSensors, Pipeline
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Message, Tick
-from fbench.replay.data.rig import RigChange
+from fbench.replay.data.rig import Rig, RigChange
 from fbench.replay.data.scores import format_count
 from fbench.replay.engine.absence import Absence, Absences, Shortage, find_shortage
 from fbench.replay.engine.cleaning import Skipped
@@ -64,9 +64,10 @@ class Trial:
         self._problems: list[Finding] = []
         self._used: dict[str, bool] = {}  # Whether each sensor made a difference
         self._num_tried, self._is_ready, self.has_started = 0, False, False
-        self._reserve: Frame | None = None
+        self._info, self._left_out = reader.info, left_out
+        self._reserve: tuple[Frame, Rig] | None = None  # A frame that lacks sensors, and what it was measured with
         try:
-            rig = reader.rig.without(left_out)
+            self._rig = self._started = rig = reader.rig.without(left_out)
         except LogError:  # what is missing of it is a finding already
             self._problems.append(finding("CHK008", "", f"{name} can't start: the rig is incomplete"))
             return
@@ -81,23 +82,30 @@ class Trial:
             why = str(error) if isinstance(error, FbenchError) else one_line(error)
             self._problems.append(finding("PRD002", "", f"{name} can't start: {why}"))
 
+    def change(self, rig: Rig) -> None:
+        """Say what the frames from here on are measured with."""
+        self._rig = rig.without(self._left_out)
+
     def offer(self, frame: Frame) -> None:
         """Try the pipeline on this frame if it is among the first complete ones."""
         if self._is_ready and self._num_tried < _TRIALS:
             if frame.missing:
-                self._reserve = self._reserve or frame
+                self._reserve = self._reserve or (frame, self._rig)
             else:
-                self._try(frame)
+                self._try(frame, self._rig)
 
     def finish(self) -> None:
         """Try it on some frame at least."""
         if self._is_ready and not self._num_tried and self._reserve is not None:
-            self._try(self._reserve)
+            self._try(*self._reserve)
 
-    def _try(self, frame: Frame) -> None:
-        """Step with and without each sensor: one that changes nothing isn't used."""
+    def _try(self, frame: Frame, rig: Rig) -> None:
+        """Step with and without each sensor: one that changes nothing isn't used. It starts anew on another rig."""
         self._num_tried += 1
         try:
+            if rig is not self._started:
+                self._pipeline.start(rig, self._info)
+                self._started = rig
             whole = self._step(frame, is_first=self._num_tried == 1)
             for sensor in frame.messages:
                 if not self._used.get(sensor, False):
@@ -175,6 +183,8 @@ class FrameCheck:
     def change(self, change: RigChange) -> None:
         """End the segment where the rig changes."""
         self._count(self._buffer.break_off(change.reason))
+        if self._trial is not None:
+            self._trial.change(change.rig)
 
     def add(self, recorded: Message | Tick, message: Message | Tick, usable: Message | Skipped | None) -> None:
         """Add a message as recorded, restamped, and as a pipeline would get it; instants of boxes lack the latter."""

@@ -304,18 +304,19 @@ class Measured:
         """Draw and judge stereo pairs; returns the pictures by frame."""
         pictures: dict[int, list[Shown]] = {}
         for pair in pairs(self.material.rig):
-            try:
-                how = rectify(self.material.rig, pair)
-            except LogError as error:
-                self.gaps.append(str(error))
-                continue
-            both = [s for s in self.material.samples if pair.left in s.cameras and pair.right in s.cameras]
+            names = {pair.left, pair.right}
+            both = [s for s in self.material.samples if names <= set(s.cameras) & s.rig.cameras.keys()]
             if not both:
                 self.gaps.append(f"stereo of {pair.left} and {pair.right}: no frame has both images")
                 continue
-            views = [stereo_view(sample, pair, how) for sample in both]
+            try:
+                rectified = [rectify(sample.rig, pair) for sample in both]  # the calibration may change within the log
+            except LogError as error:
+                self.gaps.append(str(error))
+                continue
+            views = [stereo_view(sample, pair, how) for sample, how in zip(both, rectified, strict=True)]
             share = sum(view.found_share for view in views) / len(views)
-            text = f"baseline {how.baseline_m:.3f} m, depth for {share:.0%} of the pixels"
+            text = f"baseline {rectified[0].baseline_m:.3f} m, depth for {share:.0%} of the pixels"
             errors = sorted(view.median_error for view in views if view.median_error is not None)
             biases = sorted(view.median_bias for view in views if view.median_bias is not None)
             is_bad = share < 0.2

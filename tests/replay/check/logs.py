@@ -1,10 +1,11 @@
 """A clean log, and how to make it worse."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tests.replay.logs.builders import write
+from tests.replay.logs.builders import INFO, write
 
 from fbench.replay.check.findings import Finding
 from fbench.replay.check.log_check import CheckOptions, CheckResult, check_log
@@ -13,6 +14,7 @@ from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
 MS = 1_000_000
@@ -73,6 +75,20 @@ def checked(
         write(path, sorted(items, key=lambda m: m.log_ns), rig)
     faults = FaultLog()
     return check_log(open_log(path, faults), faults, CheckOptions(**options))
+
+
+def write_moving(path: Path, at: int, items: Items) -> Rig:
+    """Write a log whose radar is moved just before the item of this number in the order of recording; return the rig
+    that holds from then on.
+    """
+    moved = replace(RIG.mounts["radar"], translation_m=np.array([0.1, 0, 0]))
+    later = Rig({**RIG.mounts, "radar": moved}, RIG.cameras)
+    with McapWriter(path, INFO, RIG) as writer:
+        for i, item in enumerate(sorted(items, key=lambda m: m.log_ns)):
+            if i == at:
+                writer.write_rig(item.log_ns, later)
+            writer.write(item)
+    return later
 
 
 def problems(result: CheckResult) -> list[tuple[str, str]]:

@@ -5,7 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.replay.check.logs import JPEG, MS, RIG, START, box, changed, checked, clean, found, image, problems
+from tests.replay.check.logs import (
+    JPEG,
+    MS,
+    RIG,
+    START,
+    box,
+    changed,
+    checked,
+    clean,
+    found,
+    image,
+    problems,
+    write_moving,
+)
 from tests.replay.logs.builders import write
 from tests.replay.logs.other_forms import NO_SUMMARY, chunks, rewrite
 
@@ -105,16 +118,7 @@ def test_sensor_of_the_rig_without_messages(path):
 
 
 def test_rig_that_changes_is_information(path):
-    from tests.replay.logs.builders import INFO
-
-    from fbench.replay.logs.containers.mcap.write import McapWriter
-
-    moved = replace(RIG.mounts["radar"], translation_m=np.array([0.1, 0, 0]))
-    with McapWriter(path, INFO, RIG) as writer:
-        for i, item in enumerate(sorted(clean(), key=lambda m: m.log_ns)):
-            if i == 50:
-                writer.write_rig(item.log_ns, Rig({**RIG.mounts, "radar": moved}, RIG.cameras))
-            writer.write(item)
+    write_moving(path, 50, clean())
     result = checked(path)
     assert found(result, "CAL002").severity == "info"
     assert result.num_problems == 0

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from tests.replay.check.logs import MS, RIG, START, changed, checked, clean, found, problems
+from tests.replay.check.logs import MS, RIG, START, changed, checked, clean, found, problems, write_moving
 from tests.replay.fakes import Echo
 
 from fbench.replay.contracts.errors import ConfigError, ModelError, RunError
@@ -140,6 +140,40 @@ def test_wrong_configuration_is_no_finding(path):
 def test_no_complete_frame_is_tried_all_the_same(path):
     items = [m for m in clean() if not isinstance(m, RadarScan)]
     assert ("PRD002", "") in problems(checked(path, items, pipeline=("mine", Broken())))
+
+
+class Measured(Echo):
+    """Notes where the radar is in each frame, and fails where it has moved."""
+
+    def __init__(self, fails=False):
+        super().__init__()
+        self.radar_x_m, self._fails = {}, fails
+
+    def step(self, frame):
+        x_m = float(self.rig.mounts["radar"].translation_m[0])
+        self.radar_x_m[(frame.stamp_ns - START) // (100 * MS)] = x_m
+        if self._fails and x_m:
+            raise ValueError("no good")
+        return super().step(frame)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_frames_are_tried_with_the_rig_that_they_were_measured_with(path, fails):
+    """Five items make a frame, the radar moves before the seventh, and radar is lost in all frames but 0, 3 and 4."""
+    kept = changed(lost(RadarScan, {*range(20)} - {0, 3, 4}), clean())
+    write_moving(path, 7, kept)
+    pipeline = Measured(fails)
+    result = checked(path, pipeline=("mine", pipeline))
+    assert pipeline.radar_x_m == ({0: 0.0, 3: 0.1} if fails else {0: 0.0, 3: 0.1, 4: 0.1})
+    if fails:
+        assert found(result, "PRD002").text.startswith("mine: ValueError: no good")
+
+
+def test_the_only_frame_to_try_has_the_rig_from_before_a_change(path):
+    write_moving(path, 7, [m for m in clean() if not isinstance(m, RadarScan)])
+    pipeline = Measured()
+    checked(path, pipeline=("mine", pipeline))
+    assert pipeline.radar_x_m == {0: 0.0}
 
 
 def test_sensor_that_the_pipeline_cant_use(path):

@@ -1,13 +1,17 @@
 """Pairs are found by their geometry, and depth comes out right."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.reports.preview.street import FORWARD, sample, street_rig
 
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.geometry.stereo_pairs import pairs, rectify
+from fbench.reports.preview.preview import write_preview
+from fbench.reports.preview.sample import Material
 from fbench.reports.preview.stereo import stereo_view
 
 
@@ -92,6 +96,22 @@ def test_without_a_lidar_nothing_is_compared():
     view = stereo_view(sample(rig, images=images), pair, rectify(rig, pair))
     assert view.median_error is None
     assert "no comparison" in view.caption
+
+
+def test_each_frame_is_judged_by_its_own_calibration(tmp_path):
+    """Both cameras move 0.1 m outward between two frames."""
+    rigs = [street_rig(left=half, right=-half) for half in (0.2, 0.3)]
+    K, size = rigs[0].cameras["cam"].K, rigs[0].cameras["cam"].size_wh
+    samples = []
+    for i, (rig, x) in enumerate(zip(rigs, (0.2, 0.3), strict=True)):
+        images = {"cam": texture(-x, 6.0, K, size), "cam2": texture(x, 6.0, K, size)}
+        samples.append(sample(rig, i, clouds={"lidar": wall(6.0)}, images=images))
+    kinds = {name: mount.kind for name, mount in rigs[0].mounts.items()}
+    material = Material(LogInfo("log", "id"), kinds, rigs[0], {}, "lidar", samples, samples, 2, 0, [], {}, {})
+    (stereo,) = [v for v in write_preview(material, tmp_path).verdicts if v.what == "stereo"]
+    assert (stereo.is_bad, stereo.text.split(",")[0]) == (False, "baseline 0.400 m")
+    off = float(re.search(r"difference from LiDAR ([\d.]+)%", stereo.text)[1])
+    assert off < 2  # with the first calibration it is a third for the second frame
 
 
 @pytest.mark.parametrize("size", [(32, 32), (200, 60)])
