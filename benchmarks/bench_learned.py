@@ -2,13 +2,17 @@
 
     fbench bench benchmarks/learned3d.toml -o runs/learned --jobs 2
     python benchmarks/bench_learned.py runs/learned --base lidar3d,late3d [--resamples 3000]
+    python benchmarks/bench_learned.py runs/learned --base late2d --slice "range 30-50 m"
 
 The suite's logs are named WORLD-WEATHER-SEED, as the city names them; world and seed are the drive, of which every
-weather is a log. Prints tables in Markdown, in 3D where a pipeline's boxes are scored there, else in the image.
+weather is a log. Prints tables in Markdown, in 3D where a pipeline's boxes are scored there, else in the image. With
+`--slice`, F1 and recall of such a part of the boxes: a range or a visibility, as `scores.json` names it. Visibilities
+have recall only, since what isn't there has none.
 """
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import TypeAlias
@@ -39,6 +43,15 @@ def read_runs(folder: Path) -> dict[tuple[str, str], list[ScoredRun]]:
     return found
 
 
+def cut(runs: Runs, name: str) -> Runs:
+    """Return the runs with the scores of one slice, as those of all boxes."""
+
+    def of(run: ScoredRun) -> ScoredRun:
+        return replace(run, scores=[replace(score, slice=ALL) for score in run.scores if score.slice == name])
+
+    return {key: [of(run) for run in own] for key, own in runs.items()}
+
+
 def show(figure: Figure, sign: str = "") -> str:
     """A figure in % with the ends of its interval."""
     if figure.value is None:
@@ -61,6 +74,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--base", required=True, help="pipelines to which the others are compared")
     parser.add_argument("--resamples", type=int, default=3000)
+    parser.add_argument("--slice", default=ALL, help="score a part of the boxes alone, such as 'range 30-50 m'")
     asked = parser.parse_args()
     runs, how = read_runs(asked.folder), Bootstrap(num=asked.resamples)
     names = list(dict.fromkeys(name for name, _ in runs))
@@ -70,12 +84,15 @@ def main() -> None:
     spaces = {name: spaces_of(runs[name, ALL])[-1] for name in names}
     drives = {run.scene for own in runs.values() for run in own}
     print(f"{len(drives)} drives; in brackets 95% of {how.num} resamples of them")
-    for metric in ("f1", "mota"):
+    runs, metrics = cut(runs, asked.slice), ("f1", "mota" if asked.slice == ALL else "recall")
+    if not any(run.scores for own in runs.values() for run in own):
+        parser.error(f"--slice: no scores of '{asked.slice}'")
+    for metric in metrics:
         rows = {
             name: [show(pool(runs.get((name, w), ()), metric, spaces[name], how)) for w in weathers] for name in names
         }
         print_table(f"{metric.upper()}, %", weathers, rows)
-    for base, metric in product(asked.base.split(","), ("f1", "mota")):
+    for base, metric in product(asked.base.split(","), metrics):
         others = [name for name in names if name != base and spaces[name] == spaces.get(base)]
         rows = {name: [] for name in others}
         for name, weather in product(others, weathers):
