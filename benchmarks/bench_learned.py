@@ -84,19 +84,19 @@ def main() -> None:
     spaces = {name: spaces_of(runs[name, ALL])[-1] for name in names}
     drives = {run.scene for own in runs.values() for run in own}
     print(f"{len(drives)} drives; in brackets 95% of {how.num} resamples of them")
-    runs, metrics = cut(runs, asked.slice), ("f1", "mota" if asked.slice == ALL else "recall")
-    if not any(run.scores for own in runs.values() for run in own):
+    scored, metrics = cut(runs, asked.slice), ("f1", "mota" if asked.slice == ALL else "recall")
+    if not any(run.scores for own in scored.values() for run in own):
         parser.error(f"--slice: no scores of '{asked.slice}'")
     for metric in metrics:
         rows = {
-            name: [show(pool(runs.get((name, w), ()), metric, spaces[name], how)) for w in weathers] for name in names
+            name: [show(pool(scored.get((name, w), ()), metric, spaces[name], how)) for w in weathers] for name in names
         }
         print_table(f"{metric.upper()}, %", weathers, rows)
     for base, metric in product(asked.base.split(","), metrics):
         others = [name for name in names if name != base and spaces[name] == spaces.get(base)]
         rows = {name: [] for name in others}
         for name, weather in product(others, weathers):
-            head, its_runs = (runs.get((own, weather), ()) for own in (name, base))
+            head, its_runs = (scored.get((own, weather), ()) for own in (name, base))
             rows[name].append(show(difference(head, its_runs, spaces[name], how, metric), "+"))
         print_table(f"{metric.upper()} over {base}", weathers, rows)
 
