@@ -19,13 +19,13 @@ from fbench.replay.geometry.ego_velocity import (
     read_motion,
     wrap_velocity,
 )
-from fbench.replay.geometry.stereo_pairs import pairs, rectify
+from fbench.replay.geometry.stereo_pairs import pairs
 from fbench.reports.preview import draw
 from fbench.reports.preview.alignment import align, edges_of, edges_view
 from fbench.reports.preview.collect import Album, Shown, Verdict
 from fbench.reports.preview.draw import CURVE, of_speed
 from fbench.reports.preview.sample import Material, Sample
-from fbench.reports.preview.stereo import stereo_view
+from fbench.reports.preview.stereo import rectify_each, stereo_view
 from fbench.reports.preview.times import Axes, SensorTimes, span_axes, time_panel
 from fbench.reports.preview.views import mounting
 
@@ -310,7 +310,7 @@ class Measured:
                 self.gaps.append(f"stereo of {pair.left} and {pair.right}: no frame has both images")
                 continue
             try:
-                rectified = [rectify(sample.rig, pair) for sample in both]  # the calibration may change within the log
+                rectified = rectify_each(both, pair)
             except LogError as error:
                 self.gaps.append(str(error))
                 continue

@@ -1,5 +1,6 @@
 """Depth and points by stereo, beside those of LiDARs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,7 @@ from fbench.replay.data.arrays import Float32, Float64
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.scores import format_count
 from fbench.replay.geometry.camera import in_image, project
-from fbench.replay.geometry.stereo_pairs import Pair, Rectified
+from fbench.replay.geometry.stereo_pairs import Pair, Rectified, rectify
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.reports.preview import draw
 from fbench.reports.preview.camera import whole
@@ -45,6 +46,15 @@ class StereoView:
             return f"{found}; no comparison with a LiDAR ({format_count(self.num_compared, 'point')} in common)"
         error = f"{self.median_error:.1%} (bias {self.median_bias:+.1%}, {format_count(self.num_compared, 'point')})"
         return f"{found}; median relative difference from LiDAR {error}"
+
+
+def rectify_each(samples: Sequence[Sample], pair: Pair) -> list[Rectified]:
+    """Rectify a pair as each sample was measured, anew only where the calibration has changed."""
+    found: list[Rectified] = []
+    for i, sample in enumerate(samples):
+        is_same = i > 0 and sample.rig is samples[i - 1].rig
+        found.append(found[-1] if is_same else rectify(sample.rig, pair))
+    return found
 
 
 def stereo_view(sample: Sample, pair: Pair, how: Rectified) -> StereoView:
