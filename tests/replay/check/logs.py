@@ -77,10 +77,8 @@ def checked(
     return check_log(open_log(path, faults), faults, CheckOptions(**options))
 
 
-def write_moving(path: Path, at: int, items: Items) -> Rig:
-    """Write a log whose radar is moved just before the item of this number in the order of recording; return the rig
-    that holds from then on.
-    """
+def write_moving(path: Path, at: int, items: Items) -> None:
+    """Write a log whose radar is moved just before the item of this index, in the order of recording."""
     moved = replace(RIG.mounts["radar"], translation_m=np.array([0.1, 0, 0]))
     later = Rig({**RIG.mounts, "radar": moved}, RIG.cameras)
     with McapWriter(path, INFO, RIG) as writer:
@@ -88,7 +86,6 @@ def write_moving(path: Path, at: int, items: Items) -> Rig:
             if i == at:
                 writer.write_rig(item.log_ns, later)
             writer.write(item)
-    return later
 
 
 def problems(result: CheckResult) -> list[tuple[str, str]]:

@@ -159,7 +159,7 @@ class Measured(Echo):
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_frames_are_tried_with_the_rig_that_they_were_measured_with(path, fails):
-    """Five items make a frame, the radar moves before the seventh, and radar is lost in all frames but 0, 3 and 4."""
+    """Five items are a whole frame; the radar moves within frame 1, and is lost in all frames but 0, 3, and 4."""
     kept = changed(lost(RadarScan, {*range(20)} - {0, 3, 4}), clean())
     write_moving(path, 7, kept)
     pipeline = Measured(fails)
